@@ -114,6 +114,11 @@ class Renderer:
         return {**self._context.info, "engines": self._engines,
                 "memory_bytes": {name: body.memory_bytes for name, body in self._bodies.items()}}
 
+    @property
+    def draws_lenses(self) -> bool:
+        """Whether it draws what a camera that distorts sees: with rays, and without the light of a coma."""
+        return self._rays is not None and not self._emissions
+
     def evaluate_brdf(self, law: Law, to_sun: np.ndarray, to_camera: np.ndarray, normal: np.ndarray) -> np.ndarray:
         """BRDF [1/sr] of (N, 3) unit vectors, (N,) float32, by the very GLSL function that draws."""
         return BrdfEvaluator(self._context)(law, to_sun, to_camera, normal)
@@ -182,7 +187,7 @@ class Renderer:
                  samples: int | None, engine: str | None, use: ImageUse) -> Request:
         """The frame's demands, checked."""
         request = Request(
-            camera=self.scene.drawn_camera(camera), use=use, samples=samples, engine=engine, engines=self._engines,
+            camera=self.scene.drawn_camera(camera, self.draws_lenses), use=use, samples=samples, engine=engine, engines=self._engines,
             max_error=self.scene.max_error if max_error is None else checked_max_error(max_error),
             has_gpu=not self._context.is_software, has_sun_disc=self.scene.sun_disc)
         return replace(request, use=replace(request.use, apart_px=0.0)) if self._emissions.dims else request
@@ -198,15 +203,17 @@ class Renderer:
 
     def _drawn_products(self, wanted: Sequence[str], plan: FramePlan, frame: Frame, drawn: Drawn
                         ) -> dict[str, np.ndarray]:
-        """Products by OpenGL, or by rays where OpenGL's coordinates are too coarse."""
+        """Products by OpenGL; by rays where its coordinates are too coarse, or where a lens distorts."""
         views, bodies, camera = list(frame.views), frame.bodies, frame.camera
-        shadows, _ = self._shadows.draw(views, bodies, camera) if "sunlit" in wanted else ({}, None)
-        arrays = self._products.draw(wanted, replace(frame, shadows=shadows), drawn.windows)
-        if self._rays is not None and max(rounding_px(seen.view, seen.traits, body.relative_to_camera)
-                                          for seen, body in zip(plan.seen, bodies, strict=True)) > _MOST_ROUNDING_PX:
+        is_traced = camera.lens_map is not None or self._rays is not None and max(
+            rounding_px(seen.view, seen.traits, body.relative_to_camera)
+            for seen, body in zip(plan.seen, bodies, strict=True)) > _MOST_ROUNDING_PX
+        if is_traced:
             traced = traced_products(self._rays, wanted, camera, views, union([w.roi for w in drawn.windows]))
-            arrays = {name: values.astype(arrays[name].dtype) for name, values in traced.items()}
-        return arrays
+            return {name: values.astype(np.float32) if values.dtype == np.float64 and name != "range" else values
+                    for name, values in traced.items()}
+        shadows, _ = self._shadows.draw(views, bodies, camera) if "sunlit" in wanted else ({}, None)
+        return self._products.draw(wanted, replace(frame, shadows=shadows), drawn.windows)
 
     def forget_shadow_maps(self) -> None:
         """Draw all shadow maps anew when next they are needed; no image changes."""

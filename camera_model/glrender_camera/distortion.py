@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from . import lens_loops
 from .errors import ConfigError
 from .validate import known_keys, within
 
@@ -25,9 +26,6 @@ if TYPE_CHECKING:
 _MAX_RADIUS = 100.0
 # A field of a degree has k3 of 1e8 at most; beyond, the polynomials' products overflow.
 _MAX_COEFFICIENT = 1e9
-_NEWTON_STEPS = 50
-# Largest residual of the distorted coordinates [1]: 1e-8 px at a focal length of 1e4 px.
-_TOLERANCE = 1e-12
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -188,42 +186,14 @@ class BrownConrady:
             NaN where no point inside `max_radius` is imaged within 1e-12 of the place asked for.
         """
         target = np.asarray(distorted, dtype=np.float64)
-        flat = target.reshape(-1, 2)
-        result = np.full(flat.shape, np.nan)
-        limit = self.max_radius * (1.0 - 1e-9)
-        usable = np.isfinite(flat).all(axis=1)
-        pending = np.flatnonzero(usable)
-        # A start inside the domain: the distorted point itself, where distortion is small.
-        length = np.hypot(*flat[pending].T)
-        xy = flat[pending] * np.minimum(1.0, 0.9 * limit / np.maximum(length, 1e-300))[:, None]
-        place, matrix = self._map(xy)
-        error = place - flat[pending]
-        for _ in range(_NEWTON_STEPS):
-            size = np.hypot(*error.T)
-            done = size <= _TOLERANCE * np.maximum(1.0, np.hypot(*flat[pending].T))
-            result[pending[done]] = xy[done]
-            pending, xy, matrix, error, size = (a[~done] for a in (pending, xy, matrix, error, size))
-            if not pending.size:
-                break
-            step = _solved(matrix, error)
-            xy, matrix, error = self._damped(xy, step, flat[pending], size, matrix, error, limit)
-        return result.reshape(target.shape)
+        found = np.empty((2, target.size // 2))
+        lens_loops.undistort(target.reshape(-1, 2).T, self.numbers(0.0), found)
+        return np.ascontiguousarray(found.T).reshape(target.shape)
 
-    def _damped(self, xy, step, target, size, matrix, error, limit):
-        """Halve each step until it stays in the domain and comes nearer; a point that cannot stays."""
-        xy, matrix, error = xy.copy(), matrix.copy(), error.copy()
-        left, scale = np.arange(len(xy)), 1.0
-        for _ in range(30):
-            trial = xy[left] - scale * step[left]
-            place, slope = self._map(trial)
-            residual = place - target[left]
-            better = (np.hypot(*trial.T) < limit) & (np.hypot(*residual.T) < size[left])
-            chosen = left[better]
-            xy[chosen], matrix[chosen], error[chosen] = trial[better], slope[better], residual[better]
-            left, scale = left[~better], 0.5 * scale
-            if not left.size:
-                break
-        return xy, matrix, error
+    def numbers(self, rim: float) -> np.ndarray:
+        """The lens (10,) as `lens_loops` takes it, with the radius [1] beyond which its map goes on straight."""
+        return np.array([self.k1, self.k2, self.k3, self.k4, self.k5, self.k6, self.p1, self.p2,
+                         self.max_radius * (1.0 - 1e-9), rim])
 
     def require_seen(self, xy: np.ndarray) -> None:
         """Refuse a frame whose border (..., 2) [1], undistorted, is not all within `max_radius`: `require_field`."""
@@ -285,12 +255,3 @@ def frame_border(width_px: int, height_px: int, rim_px: int = 0) -> np.ndarray:
     x, y = (np.arange(-rim_px, size + rim_px, dtype=np.float64) for size in (width_px, height_px))
     return np.concatenate([np.stack(np.broadcast_arrays(x, edge), axis=-1) for edge in (y[0], y[-1])]
                           + [np.stack(np.broadcast_arrays(edge, y), axis=-1) for edge in (x[0], x[-1])])
-
-
-def _solved(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Solutions (N, 2) of N pairs of equations, by Cramer's rule."""
-    (a, b), (c, d) = np.moveaxis(matrix[:, 0], 1, 0), np.moveaxis(matrix[:, 1], 1, 0)
-    determinant = a * d - b * c
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.stack([d * right[:, 0] - b * right[:, 1], a * right[:, 1] - c * right[:, 0]],
-                        axis=-1) / determinant[:, None]

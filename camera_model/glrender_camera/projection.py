@@ -19,6 +19,7 @@ from .distortion import BrownConrady, frame_border
 from .errors import ConfigError
 from .faults.fault import Fault
 from .lateral import magnified, magnified_points
+from .lens_map import LensMap
 from .mosaic import MosaicModel
 from .pattern import seed_of
 from .points import PointSources
@@ -62,7 +63,7 @@ class PinholeCamera:
     model : CameraModel or MosaicModel, optional
         Optics, detector and exposure; without it the camera gives irradiance only.
     distortion : BrownConrady, optional
-        Distortion of the lens. `project` and `directions` know it; renderers draw what `DistortingLens.source` sees.
+        Distortion of the lens.
 
     Raises
     ------
@@ -183,6 +184,16 @@ class PinholeCamera:
         seen.setflags(write=False)
         return seen
 
+    @cached_property
+    def lens_map(self) -> LensMap | None:
+        """The map of the lens; None of one that does not distort."""
+        return None if self.distortion is None else LensMap(self)
+
+    @property
+    def rectilinear(self) -> PinholeCamera:
+        """The camera without distortion, of the same focal length, that sees all that this one sees."""
+        return self if self.lens_map is None else self.lens_map.rectilinear
+
     def solid_angle_sr(self) -> np.ndarray:
         """Solid angle of each pixel: cos^3(theta) / f^2, over what a distortion magnifies areas by.
 
@@ -191,9 +202,9 @@ class PinholeCamera:
         (height, width) float64 [sr]
             The midpoint rule; its relative error is below 1 / (4 f^2), f in pixels.
         """
-        solid_angle = self._cosine**3 / self.focal_length_px**2
-        return solid_angle if self.distortion is None else solid_angle / np.linalg.det(
-            self.distortion.jacobian(self.seen))
+        if self.lens_map is not None:
+            return self.lens_map.pixels_solid_angles / self.focal_length_px**2
+        return self._cosine**3 / self.focal_length_px**2
 
     @property
     def _cosine(self) -> np.ndarray:

@@ -91,7 +91,7 @@ class Drawing:
         self._renderer, self._camera, self._margin_px = renderer, camera, margin_px
         self._is_for_detector = is_for_detector
         wide = camera.with_margin(margin_px)
-        self.lens = lens_of(wide)
+        self.lens = resampling_lens(renderer, wide)
         self.source = wide if self.lens is None else self.lens.source
         self._box = None
         if roi is not None:
@@ -122,8 +122,10 @@ class Drawing:
     @property
     def distortion_text(self) -> str:
         """The stage in words."""
-        if self.lens is None:
+        if self._camera.distortion is None:
             return "skipped: the camera has none"
+        if self.lens is None:
+            return f"{self._camera.distortion.text}; drawn behind the lens"
         n = self.lens.oversampling
         return (f"{self.lens.distortion.text}; drawn as {self.source.width_px} x {self.source.height_px} cells, "
                 f"{n} x {n} a pixel")
@@ -190,6 +192,11 @@ class Drawing:
         x0, y0, x1, y1 = self._box
         whole[y0:y1, x0:x1] = part
         return whole
+
+
+def resampling_lens(renderer: Any, camera: PinholeCamera) -> DistortingLens | None:
+    """The lens that moves a rectilinear image's light; None without one, or of a renderer that draws behind it."""
+    return None if getattr(renderer, "draws_lenses", False) else lens_of(camera)
 
 
 def _in_pixels(errors: Mapping[str, float], cells: float) -> dict[str, float]:

@@ -68,7 +68,8 @@ def _seen_share(view: BodyView, traits: BodyTraits, camera: PinholeCamera) -> fl
     if view.is_whole:
         return 1.0
     horizon_m = min(math.sqrt(view.depth_m[0] * (view.depth_m[0] + 2.0 * traits.radius_m)), view.depth_m[1])
-    diagonal = math.hypot(camera.width_px, camera.height_px) / camera.focal_length_px
+    ideal = camera.rectilinear
+    diagonal = math.hypot(ideal.width_px, ideal.height_px) / ideal.focal_length_px
     return min(0.5 * diagonal * horizon_m / traits.radius_m, 1.0)
 
 

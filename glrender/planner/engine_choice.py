@@ -252,7 +252,9 @@ def _unevenness(body: Seen, camera: PinholeCamera) -> float:
     """RMS variation [1] of the light of a facet, and of a pixel, about that of its middle."""
     view, traits = body.view, body.traits
     facet = _UNEVEN_FACET * traits.view_slope(view.phase_rad) * traits.facet_m / view.depth_m[0]
-    return math.hypot(facet, _UNEVEN_PIXEL * 3.0 * _off_axis(view, camera) / camera.focal_length_px)
+    pixel = (3.0 * _off_axis(view, camera) / camera.focal_length_px if camera.lens_map is None
+             else camera.lens_map.unevenness_per_px(view.bounds_px))
+    return math.hypot(facet, _UNEVEN_PIXEL * pixel)
 
 
 def _rays(part: _Part) -> list[WindowPlan]:

@@ -125,17 +125,17 @@ class Scene:
                          did_you_mean(name, names := [camera.name for camera in self.cameras])
                          or f"the scene has {', '.join(names)}")
 
-    def drawn_camera(self, camera: str | PinholeCamera | None) -> PinholeCamera:
+    def drawn_camera(self, camera: str | PinholeCamera | None, draws_lenses: bool = False) -> PinholeCamera:
         """The camera that a renderer draws for: one of the scene's by name, or one that draws for it.
 
         Raises
         ------
         ConfigError
-            A camera that distorts: no renderer draws its image directly.
+            A camera that distorts, and a renderer that draws no image of it directly.
         """
         pinhole = camera if isinstance(camera, PinholeCamera) else self.camera(camera)
-        if pinhole.distortion is not None:
-            raise ConfigError("camera", f"camera {pinhole.name!r} distorts, so no renderer draws its image",
+        if pinhole.distortion is not None and not draws_lenses:
+            raise ConfigError("camera", f"camera {pinhole.name!r} distorts, and this renderer draws no image of it",
                               hint="glrender.take_frame and draw_still do, from what lens_of(camera).source sees")
         return pinhole
 

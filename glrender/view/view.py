@@ -171,8 +171,11 @@ def _view(name: str, hull: Hull, state: State, camera: PinholeCamera, camera_fro
     bounds, edge = None, np.array([camera.width_px, camera.height_px]) - 0.5
     if nearest > 0.0:
         across = points[:2] / depth
-        bounds = np.concatenate([edges * camera.focal_length_px + np.array(camera.principal_point_px)
-                                 for edges in (across.min(axis=1), across.max(axis=1))])
+        if camera.lens_map is not None:
+            bounds = camera.lens_map.box_px(across)
+        else:
+            bounds = np.concatenate([edges * camera.focal_length_px + np.array(camera.principal_point_px)
+                                     for edges in (across.min(axis=1), across.max(axis=1))])
         is_visible = bool((bounds[:2] < edge).all() and (bounds[2:] > -0.5).all())
         if is_visible and not (bounds[2:] - bounds[:2]).max() > _MIN_SIZE_PX:
             raise SceneError("state.spacecraft.r_inertial_m", f"body {name!r} must be {_MIN_SIZE_PX:g} px across",
@@ -182,6 +185,7 @@ def _view(name: str, hull: Hull, state: State, camera: PinholeCamera, camera_fro
         # Depth is range times the cosine off the boresight: least in the image's corner.
         corner = np.array([[x, y] for x in (-0.5, camera.width_px - 0.5) for y in (-0.5, camera.height_px - 0.5)])
         nearest = hull.distance_m(r_camera) * float(camera.directions(corner)[:, 2].min())
+    finest_px = camera.focal_length_px * (1.0 if camera.lens_map is None else camera.lens_map.stretch)
     # At the origin of open terrain any direction and range do, by which others divide.
     to_camera, range_m = (r_camera / range_m, range_m) if range_m > 0.0 else (sun_direction, hull.radius_m)
     return BodyView(
@@ -189,5 +193,5 @@ def _view(name: str, hull: Hull, state: State, camera: PinholeCamera, camera_fro
         sun_distance_au=sun_distance / AU_M, range_m=range_m,
         phase_rad=phase_angle(sun_direction, to_camera),
         depth_m=(nearest, farthest), bounds_px=bounds, is_visible=is_visible,
-        is_whole=_is_within(bounds, camera.bounds_px), footprint_m=nearest / camera.focal_length_px,
+        is_whole=_is_within(bounds, camera.bounds_px), footprint_m=nearest / finest_px,
         centre_m=hull.centre_m)

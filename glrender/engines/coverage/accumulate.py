@@ -148,6 +148,14 @@ def add_polygons(changes, xy, corners, values, origin, per_px):
                      (xy[0, b] - origin[0]) * per_px[0], (xy[1, b] - origin[1]) * per_px[1], values[i])
 
 
+@compiled(void(_CHANGES, read(float64, 2), _VALUES, VECTOR, VECTOR))
+def add_lines(changes, ends, steps, origin, per_px):
+    """Add what lines between two places each (4, N) [px], x0, y0, x1, y1, change in cells, by their steps (N,)."""
+    for i in range(len(steps)):
+        add_line(changes, (ends[0, i] - origin[0]) * per_px[0], (ends[1, i] - origin[1]) * per_px[1],
+                 (ends[2, i] - origin[0]) * per_px[0], (ends[3, i] - origin[1]) * per_px[1], steps[i])
+
+
 def in_two_images(changes: np.ndarray, n_triangles: int, add: Callable[[np.ndarray, int, int, int], None]) -> None:
     """Add triangles by two threads, few by one: to two images whatever the number of threads, for the same bytes.
 

@@ -11,11 +11,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...planner.error_budget import MISSED_SHARE, UNDIVIDED_SHARE
-from . import accumulate, sunlit_error
+from . import outlines, sunlit_error
 from .boundary_clip import Polygons
 from .corner_visibility import FEW, CornerVisibility
 from .image_cells import ImageCells
-from .sub_triangles import FacetParts, projected
+from .sub_triangles import FacetParts
 from .sunlit_error import CLIPPED_ERROR, pixels_squared
 
 # Bisections by which ends of cuts are found.
@@ -62,27 +62,27 @@ class SunlitAreas:
     squared: float
     bias: float
 
-    def add_to(self, changes: np.ndarray, cells: ImageCells, off_axis_power: float) -> None:
+    def add_to(self, changes: np.ndarray, cells: ImageCells, is_even: bool) -> None:
         """Add what the areas change in the cells of an image: `accumulate`.
 
-        The real part is of radiance, in 1/sr of the Sun's irradiance at 1 au, times a power of the cosine of the
-        facets' angles off the boresight; the imaginary one is of cover, which is 1 where there is any.
+        The real part is of radiance, in 1/sr of the Sun's irradiance at 1 au, if asked for times the
+        solid angle of a pixel at the facet over that on the boresight; the imaginary one is of cover, which is 1 where
+        there is any.
 
         Parameters
         ----------
         changes : (rows, columns + 2) complex128
         cells : ImageCells
-        off_axis_power : float
+        is_even : bool
+            Whether radiance has the solid angle.
         """
-        seen, facets, origin_px, per_px = self.seen, self.seen.facets, cells.origin_px, cells.per_px
-        radiance = np.zeros(facets.n_facets)
-        radiance[self.whole] = seen.radiance.times_off_axis(self.whole, off_axis_power)
-        accumulate.in_two_images(changes, len(self.whole), lambda image, *turn: accumulate.add_facets(
-            image, seen.xy_px, facets.corners, facets.neighbours, radiance, *turn, origin_px, per_px))
-        points_xy = projected(seen.cutter.points.r_m, seen.view, cells.camera)
-        for corner, facet in self.polygons:
-            values = seen.radiance.times_off_axis(facet, off_axis_power) + 1j
-            accumulate.add_polygons(changes, points_xy, corner, values, origin_px, per_px)
+        seen = self.seen
+        radiance = np.zeros(seen.facets.n_facets)
+        radiance[self.whole] = seen.radiance.times_solid_angle(self.whole, is_even, cells.camera)
+        outlines.add_facets(changes, cells, seen.facets, seen.view, seen.xy_px, radiance)
+        outlines.add_polygons(changes, cells, seen.view, seen.cutter.points.r_m, [
+            (corner, seen.radiance.times_solid_angle(facet, is_even, cells.camera) + 1j)
+            for corner, facet in self.polygons])
 
 
 def find_areas(seen: CornerVisibility, most_squared: float, flux_weight: float) -> SunlitAreas | None:

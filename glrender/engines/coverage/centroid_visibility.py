@@ -12,7 +12,7 @@ import numpy as np
 from ...planner.error_budget import FLUX_SHARE
 from ...view.view import BodyView
 from ..rays.engine import RayEngine
-from . import accumulate, facet_loops
+from . import facet_loops, outlines
 from .brdf_tables import BrdfTables
 from .facet_tables import FacetTables
 from .image_cells import ImageCells
@@ -91,6 +91,4 @@ class CentroidVisibility:
 
     def add_to(self, changes: np.ndarray, cells: ImageCells) -> None:
         """Add the facets to an accumulation buffer (rows, columns + 2) complex128, as `SunlitAreas.add_to` does."""
-        facets = self._facets
-        accumulate.in_two_images(changes, facets.n_facets, lambda image, *turn: accumulate.add_facets(
-            image, self._xy, facets.corners, facets.neighbours, self._radiance, *turn, cells.origin_px, cells.per_px))
+        outlines.add_facets(changes, cells, self._facets, self._view, self._xy, self._radiance)

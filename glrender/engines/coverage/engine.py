@@ -23,7 +23,7 @@ from ...view.sun_disc import lit_from, on_disc
 from ...view.view import BodyView
 from ..rays.engine import RayEngine
 from ..rays.mesh import dot
-from . import accumulate
+from . import accumulate, outlines
 from .boundary_refinement import find_areas
 from .brdf_tables import BrdfTables
 from .centroid_visibility import CentroidVisibility
@@ -158,13 +158,14 @@ class CoverageEngine:
             return dark, NOTHING_DRAWN, penumbra
         allowed = OVERLAPS_LEFT * (scale.most_squared(budget.tolerance) - penumbras[0]) / len(bodies)
         # A pixel's solid angle falls off as cos^3 of its angle from the boresight: of facets that are far smaller.
-        is_fine = n_px * cells.per_px.prod() < _FINE * sum(body.n_areas for body in bodies)
+        fine = _FINE if cells.camera.lens_map is None else 1.0
+        is_fine = n_px * cells.per_px.prod() < fine * sum(body.n_areas for body in bodies)
         changes, squared, bias_squared = accumulate.no_changes(cells.shape), 0.0, 0.0
         for body in bodies:
             areas = find_areas(body, allowed, scale.flux_weight)
             if areas is None:
                 return dark, NOTHING_DRAWN, penumbra
-            areas.add_to(changes, cells, 3.0 if is_fine else 0.0)
+            areas.add_to(changes, cells, is_fine)
             squared += areas.squared
             bias_squared += areas.bias**2
         # Where areas overlap, one that is hidden was taken to be seen: which one is not known.
@@ -182,9 +183,8 @@ def _may_be_lit(bodies: list[tuple[FacetTables, BodyView]], cells: ImageCells, h
         least = -view.sun_radius_rad if has_disc else 0.0
         faces = (dot(facets.normal, view.sun_direction_body[:, None]) > least) & (
             dot(facets.normal, view.r_camera_body_m[:, None]) > facets.offset_m)
-        accumulate.add_facets(changes, projected(facets.vertices_m, view, cells.camera), facets.corners,
-                              facets.neighbours, faces.astype(float), 0, facets.n_facets, facets.n_facets,
-                              cells.origin_px, cells.per_px)
+        outlines.add_facets(changes, cells, facets, view, projected(facets.vertices_m, view, cells.camera),
+                            faces.astype(float))
     found, cover = np.empty((2, *cells.shape))
     largest = accumulate.means(changes, 0, len(found), found, cover)
     # A cell next to a touched one may have light by rounding, or at another sample's place.

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from glrender_camera import threads
+from glrender_camera import PinholeCamera, threads
 
 from ...view.view import BodyView
 from ..rays.mesh import dot
 from . import facet_loops
 from .facet_tables import FacetTables
-from .sub_triangles import FACETS_AT_ONCE
+from .sub_triangles import FACETS_AT_ONCE, normalised
 
 
 class FacetRadiance:
@@ -38,10 +38,16 @@ class FacetRadiance:
             self._compute(facet[~is_known])
         return self._radiance.take(facet)
 
-    def times_off_axis(self, facet: np.ndarray, power: float) -> np.ndarray:
-        """The same times a power of the cosine (N,) of the facets' angles off the boresight."""
+    def times_solid_angle(self, facet: np.ndarray, is_wanted: bool, camera: PinholeCamera) -> np.ndarray:
+        """The same, if wanted times the solid angle (N,) of a pixel at the facets over that on the boresight."""
         radiance = self.of(facet)
-        return radiance * self._cos_off_axis.take(facet) ** power if power else radiance
+        if not is_wanted:
+            return radiance
+        radiance = radiance * self._cos_off_axis.take(facet) ** 3.0
+        if camera.lens_map is not None:
+            middle_m = self._facets.corner_m(facet).mean(axis=0)
+            radiance /= camera.lens_map.area_scales(normalised(middle_m, self._view))
+        return radiance
 
     def cos_incidence(self, facet: np.ndarray) -> np.ndarray:
         """Cosines (N,) of the Sun's incidence on facets (N,) that face camera and Sun."""

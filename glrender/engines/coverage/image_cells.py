@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from glrender_camera import PinholeCamera, threads
+from glrender_camera.lens_map import LensMap
 
 from . import accumulate
 
@@ -68,11 +69,26 @@ class ImageCells:
             All pixels have the solid angle of that on the boresight; radiance has the cosines.
         """
         image, cover = np.empty((2, *self.shape))
-        across, down = (np.zeros_like(each) if is_even else each for each in self.tangents_squared)
+        lens = self.camera.lens_map
+        across, down = (np.zeros_like(each) if is_even or lens is not None else each for each in self.tangents_squared)
         scale = solar_W_m2 / self.camera.focal_length_px**2
         least = accumulate.ROUNDING * max(threads.run_in_parts(
             lambda part: accumulate.means(changes, part.start, part.stop, image, cover), len(image), _ROWS))
         unsure = threads.run_in_parts(
             lambda part: accumulate.settle(image, cover, part.start, part.stop, least, scale, across, down,
                                            least_share), len(image), _ROWS)
+        if lens is not None and not is_even:
+            image *= self._solid_angles(lens)
         return image, sum(unsure)
+
+    def _solid_angles(self, lens: LensMap) -> np.ndarray:
+        """Solid angle of a pixel at each cell's middle (rows, columns) over that on the boresight without the lens."""
+        (x0, y0), (rows, columns) = self.origin_px, self.shape
+        if (self.per_px == 1.0).all() and not ((self.origin_px + 0.5) % 1.0).any():
+            left, top = int(x0 + 0.5), int(y0 + 0.5)
+            return lens.pixels_solid_angles[top:top + rows, left:left + columns]
+        x, y = (start + (np.arange(n) + 0.5) / each
+                for start, n, each in zip((x0, y0), (columns, rows), self.per_px, strict=True))
+        xy = self.camera.normalised(np.stack(np.broadcast_arrays(x, y[:, None]), axis=-1).reshape(-1, 2))
+        # A small body's own grid may reach beyond what the lens images: where there is no light.
+        return np.nan_to_num(lens.solid_angles(xy.T)).reshape(rows, columns)

@@ -81,11 +81,23 @@ class FacetParts:
 
 def projected(r_body_m: np.ndarray, view: BodyView, camera: PinholeCamera) -> np.ndarray:
     """Places (2, N) [px] of points (3, N) [m] in the image."""
-    found, middle_px = np.empty((2, r_body_m.shape[1])), np.array(camera.principal_point_px, float)
+    lens = camera.lens_map
+    if lens is not None:
+        return lens.places_px(normalised(r_body_m, view))
+    return _scaled(r_body_m, view, camera.focal_length_px, np.array(camera.principal_point_px, float))
+
+
+def normalised(r_body_m: np.ndarray, view: BodyView) -> np.ndarray:
+    """X / Z, Y / Z in `camera` (2, N) [1] of points (3, N) [m]."""
+    return _scaled(r_body_m, view, 1.0, np.zeros(2))
+
+
+def _scaled(r_body_m: np.ndarray, view: BodyView, focal_length: float, middle: np.ndarray) -> np.ndarray:
+    found = np.empty((2, r_body_m.shape[1]))
 
     def project(part: slice) -> None:
         facet_loops.project(r_body_m, part.start, part.stop, view.camera_from_body, view.r_camera_body_m,
-                            camera.focal_length_px, middle_px, found)
+                            focal_length, middle, found)
 
     threads.run_in_parts(project, r_body_m.shape[1], FACETS_AT_ONCE)
     return found

@@ -79,6 +79,7 @@ class Shadows:
         A single one where there are none: no shadow is looked up then.
         """
         mesh = self._bodies[view.name].mesh
+        camera = camera.rectilinear
         clip = frames.clip_from_camera(camera.focal_length_px, camera.principal_point_px, camera.bounds_px,
                                        *view.depth_m) @ frames.transform(view.camera_from_body,
                                                                          -view.camera_from_body @ view.r_camera_body_m)

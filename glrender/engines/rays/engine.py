@@ -193,6 +193,8 @@ class RayEngine:
             off_axis = ray[2].take(hits.place)
             # A pixel's solid angle falls off as cos^3 of its angle from the boresight.
             value[hits.place] = is_lit * radiance * (off_axis * off_axis * off_axis) / camera.focal_length_px**2
+            if camera.lens_map is not None:
+                value[hits.place] /= camera.lens_map.area_scales((ray[:2] / ray[2]).take(hits.place, axis=1))
 
     def radiance(self, facet: np.ndarray, r_body_m: np.ndarray, normal: np.ndarray, to_camera: np.ndarray,
                  to_sun: np.ndarray, range_m: np.ndarray, view: BodyView, camera: PinholeCamera) -> np.ndarray:

@@ -1,0 +1,131 @@
+"""The image of a camera whose lens distorts, as a map of the plane: to places in the image and back, and its areas."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from . import lens_loops
+from .distortion import frame_border
+
+if TYPE_CHECKING:
+    from .projection import PinholeCamera
+
+# Places along each side of the frame, or of a box, at which the map is looked at.
+_NODES = 17
+# Pixels around the frame that the map holds for: bilinear neighbours of its edge.
+_RIM_PX = 2
+# Distance [px] by which the image of a straight line may leave a straight line.
+_MOST_BENT_PX = 0.01
+# Shortest line [px] that is looked at for its bend.
+_SHORTEST_PX = 0.25
+# Step [1/rim] of the differences that give the map's second derivative.
+_STEP = 1e-4
+
+
+class LensMap:
+    """The map from X / Z, Y / Z in `camera` to places in the image of a camera that distorts.
+
+    It is that of the camera's distortion in the circle around all that the frame sees, and goes on straight beyond, so
+    that each direction before the camera has a place, and none from beyond has one in the frame.
+
+    Parameters
+    ----------
+    camera : PinholeCamera
+        With a distortion.
+
+    Attributes
+    ----------
+    stretch : float [1]
+        The largest factor by which the frame magnifies a length.
+    straight_px : float [px]
+        The length in the image up to which straight lines stay straight to a hundredth of a pixel.
+    """
+
+    def __init__(self, camera: PinholeCamera):
+        assert camera.distortion is not None
+        self._camera, self._distortion = camera, camera.distortion
+        border = camera.normalised(frame_border(camera.width_px, camera.height_px, _RIM_PX))
+        most, reach = camera.distortion.max_radius, float(np.nanmax(np.hypot(*border.T)))
+        self._lens = camera.distortion.numbers(min(1.001 * reach, 0.5 * (reach + most)))
+        self.stretch, self.straight_px = self._extremes()
+
+    def _extremes(self) -> tuple[float, float]:
+        camera, rim = self._camera, self._lens[9]
+        x, y = (np.linspace(-0.5, size - 0.5, _NODES) for size in (camera.width_px, camera.height_px))
+        xy = camera.normalised(np.stack(np.broadcast_arrays(x, y[:, None]), axis=-1).reshape(-1, 2))
+        xy = xy[np.hypot(*xy.T) < (1.0 - 2.0 * _STEP) * rim]
+        jacobian, step = self._distortion.jacobian(xy), _STEP * rim
+        curved = sum(((self._distortion.jacobian(xy + aside) - self._distortion.jacobian(xy - aside))
+                      / (2.0 * step)) ** 2 for aside in step * np.eye(2)).sum(axis=(1, 2))
+        least, most = np.linalg.svd(jacobian, compute_uv=False).T[::-1]
+        # A line of a length l bends by the second derivative times l^2 / 8.
+        bend_per_px = float((np.sqrt(curved) / least**2).max()) / camera.focal_length_px
+        return float(most.max()), max(math.sqrt(8.0 * _MOST_BENT_PX / max(bend_per_px, 1e-300)), _SHORTEST_PX)
+
+    def places_px(self, xy: np.ndarray) -> np.ndarray:
+        """Places (2, N) float64 [px] of X / Z, Y / Z (2, N) [1]."""
+        found = np.empty((2, xy.shape[1]))
+        lens_loops.distort(xy, self._lens, found)
+        found *= self._camera.focal_length_px
+        found += np.array(self._camera.principal_point_px)[:, None]
+        return found
+
+    def area_scales(self, xy: np.ndarray) -> np.ndarray:
+        """Areas (N,) float64 [1] that the lens makes of an area 1 at X / Z, Y / Z (2, N) [1]."""
+        found = np.empty(xy.shape[1])
+        lens_loops.area_scales(xy, self._lens, found)
+        return found
+
+    def solid_angles(self, xy: np.ndarray) -> np.ndarray:
+        """Solid angles (N,) float64 of pixels at X / Z, Y / Z (2, N) [1], over that on the boresight without a lens."""
+        return (1.0 + xy[0] ** 2 + xy[1] ** 2) ** -1.5 / self.area_scales(xy)
+
+    @cached_property
+    def pixels_solid_angles(self) -> np.ndarray:
+        """The same of all pixels, (height, width)."""
+        camera = self._camera
+        return self.solid_angles(camera.seen.reshape(-1, 2).T).reshape(camera.height_px, camera.width_px)
+
+    def box_px(self, xy: np.ndarray) -> np.ndarray:
+        """Box (4,) float64 [px], x0, y0, x1, y1, around the image of the convex hull of X / Z, Y / Z (2, N) [1]."""
+        sides = [np.linspace(low, high, _NODES) for low, high in zip(xy.min(axis=1), xy.max(axis=1), strict=True)]
+        around = np.array(np.meshgrid(*sides)).reshape(2, -1)
+        image, flat = self.places_px(around), self.places_px(xy)
+        # The image of a line between corners leaves the box of theirs by no more than twice the map's distance from a
+        # linear one; and it is within the image of the corners' box, up to how that bends between two of its nodes.
+        centred = around - around.mean(axis=1, keepdims=True)
+        centred /= np.maximum(np.abs(centred).max(axis=1, keepdims=True), 1e-300)
+        terms = np.concatenate([centred, np.ones((1, around.shape[1]))])
+        linear = np.linalg.lstsq(terms.T, image.T, rcond=None)[0].T @ terms
+        bent = np.abs(image - linear).max(axis=1)
+        low = np.maximum(flat.min(axis=1) - 2.0 * bent, image.min(axis=1) - bent / _NODES)
+        high = np.minimum(flat.max(axis=1) + 2.0 * bent, image.max(axis=1) + bent / _NODES)
+        return np.concatenate([low, high])
+
+    def unevenness_per_px(self, box_px: np.ndarray) -> float:
+        """Largest relative change of the pixels' solid angle from one to the next [1/px] in the frame's part of a box.
+
+        Of none the change at the frame's nearest place.
+        """
+        size = np.array([self._camera.width_px, self._camera.height_px])
+        low, high = np.clip(np.reshape(box_px, (2, 2)), 0.5, np.maximum(size - 1.5, 0.5))
+        nodes = np.stack(np.meshgrid(*np.linspace(low, high, 5).T), axis=-1).reshape(-1, 2)
+        changes = [np.log(self.solid_angles(self._camera.normalised(nodes + aside).T)
+                          / self.solid_angles(self._camera.normalised(nodes - aside).T)) for aside in 0.5 * np.eye(2)]
+        return float(np.hypot(*changes).max())
+
+    @cached_property
+    def rectilinear(self) -> PinholeCamera:
+        """The camera without distortion, of the same focal length, that sees all that the frame sees."""
+        camera = self._camera
+        border = camera.normalised(frame_border(camera.width_px, camera.height_px, 1))
+        place = border[np.isfinite(border).all(axis=1)] * camera.focal_length_px
+        low, high = np.floor(place.min(axis=0)) - 1.0, np.ceil(place.max(axis=0)) + 1.0
+        width, height = (int(side) for side in high - low + 1.0)
+        return replace(camera, width_px=width, height_px=height, principal_point_px=tuple(-low), distortion=None,
+                       model=None)
