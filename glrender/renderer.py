@@ -187,7 +187,8 @@ class Renderer:
                  samples: int | None, engine: str | None, use: ImageUse) -> Request:
         """The frame's demands, checked."""
         request = Request(
-            camera=self.scene.drawn_camera(camera, self.draws_lenses), use=use, samples=samples, engine=engine, engines=self._engines,
+            camera=self.scene.drawn_camera(camera, self.draws_lenses), use=use, samples=samples, engine=engine,
+            engines=self._engines,
             max_error=self.scene.max_error if max_error is None else checked_max_error(max_error),
             has_gpu=not self._context.is_software, has_sun_disc=self.scene.sun_disc)
         return replace(request, use=replace(request.use, apart_px=0.0)) if self._emissions.dims else request

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from . import lens_loops
-from .distortion import frame_border
+from .distortion import BrownConrady, frame_border
 
 if TYPE_CHECKING:
     from .projection import PinholeCamera
@@ -36,7 +36,8 @@ class LensMap:
     Parameters
     ----------
     camera : PinholeCamera
-        With a distortion.
+    distortion : BrownConrady
+        Its own.
 
     Attributes
     ----------
@@ -46,12 +47,11 @@ class LensMap:
         The length in the image up to which straight lines stay straight to a hundredth of a pixel.
     """
 
-    def __init__(self, camera: PinholeCamera):
-        assert camera.distortion is not None
-        self._camera, self._distortion = camera, camera.distortion
+    def __init__(self, camera: PinholeCamera, distortion: BrownConrady):
+        self._camera, self._distortion = camera, distortion
         border = camera.normalised(frame_border(camera.width_px, camera.height_px, _RIM_PX))
-        most, reach = camera.distortion.max_radius, float(np.nanmax(np.hypot(*border.T)))
-        self._lens = camera.distortion.numbers(min(1.001 * reach, 0.5 * (reach + most)))
+        most, reach = distortion.max_radius, float(np.nanmax(np.hypot(*border.T)))
+        self._lens = distortion.numbers(min(1.001 * reach, 0.5 * (reach + most)))
         self.stretch, self.straight_px = self._extremes()
 
     def _extremes(self) -> tuple[float, float]:
@@ -74,6 +74,11 @@ class LensMap:
         found *= self._camera.focal_length_px
         found += np.array(self._camera.principal_point_px)[:, None]
         return found
+
+    def most_bent_px(self, sides_px: np.ndarray) -> np.ndarray:
+        """Distance (N,) [px] by which images of lines between corners of boxes, of sides (2, N) [px], leave them."""
+        long_px = np.hypot(*sides_px)
+        return np.minimum(_MOST_BENT_PX * (long_px / self.straight_px) ** 2, long_px)
 
     def area_scales(self, xy: np.ndarray) -> np.ndarray:
         """Areas (N,) float64 [1] that the lens makes of an area 1 at X / Z, Y / Z (2, N) [1]."""

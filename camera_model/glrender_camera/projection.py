@@ -187,12 +187,21 @@ class PinholeCamera:
     @cached_property
     def lens_map(self) -> LensMap | None:
         """The map of the lens; None of one that does not distort."""
-        return None if self.distortion is None else LensMap(self)
+        return None if self.distortion is None else LensMap(self, self.distortion)
 
     @property
     def rectilinear(self) -> PinholeCamera:
         """The camera without distortion, of the same focal length, that sees all that this one sees."""
         return self if self.lens_map is None else self.lens_map.rectilinear
+
+    def places_px(self, xy: np.ndarray) -> np.ndarray:
+        """Places (2, N) float64 [px] of X / Z, Y / Z in `camera` (2, N) [1]: the inverse of `normalised`.
+
+        Beyond what a lens images they are somewhere beyond the frame.
+        """
+        if self.lens_map is not None:
+            return self.lens_map.places_px(xy)
+        return self.focal_length_px * xy + np.array(self.principal_point_px)[:, None]
 
     def solid_angle_sr(self) -> np.ndarray:
         """Solid angle of each pixel: cos^3(theta) / f^2, over what a distortion magnifies areas by.

@@ -219,8 +219,10 @@ def sun_in_view(camera: PinholeCamera, r_sun_camera_m: np.ndarray, solar_irradia
         return image
     radius_px = camera.focal_length_px * np.tan(np.arcsin(SUN_RADIUS_M / distance_m))
     positive("solar_irradiance_W_m2", solar_irradiance_W_m2)
-    x0, y0 = (max(0, int(c - radius_px) - 2) for c in centre)
-    x1, y1 = (min(n, int(c + radius_px) + 3) for c, n in zip(centre, image.shape[::-1], strict=True))
+    lens = camera.lens_map
+    reach_px = radius_px * (1.0 if lens is None else lens.stretch)
+    x0, y0 = (max(0, int(c - reach_px) - 2) for c in centre)
+    x1, y1 = (min(n, int(c + reach_px) + 3) for c, n in zip(centre, image.shape[::-1], strict=True))
     if x0 >= x1 or y0 >= y1:
         return image
     x, y = np.arange(x0, x1) - centre[0], np.arange(y0, y1)[:, None] - centre[1]
@@ -228,7 +230,13 @@ def sun_in_view(camera: PinholeCamera, r_sun_camera_m: np.ndarray, solar_irradia
         # A point, shared out bilinearly.
         part = np.maximum(1.0 - np.abs(x), 0.0) * np.maximum(1.0 - np.abs(y), 0.0)
     else:
-        part = np.clip(radius_px - np.hypot(x, y) + 0.5, 0.0, 1.0)
+        area = 1.0
+        if lens is not None:
+            # The disc is round in the image that a camera without the lens has.
+            seen = camera.normalised(np.stack(np.broadcast_arrays(x + centre[0], y + centre[1]), axis=-1))
+            x, y = np.moveaxis(camera.focal_length_px * (seen - r_sun_camera_m[:2] / r_sun_camera_m[2]), -1, 0)
+            area = lens.area_scales(seen.reshape(-1, 2).T).reshape(x.shape)
+        part = np.clip(radius_px - np.hypot(x, y) + 0.5, 0.0, 1.0) / area
         # A disc that is cut off is normalised by the closed form of the sum, 2 % off for a few pixels.
         is_whole = min(x0, y0) > 0 and x1 < image.shape[1] and y1 < image.shape[0]
         part /= part.sum() if is_whole else np.pi * (radius_px**2 + 1.0 / 12.0)

@@ -33,7 +33,7 @@ from .motion_path import moves
 from .off_axis_light import light_beyond
 from .outputs import checked_output
 from .sensor import PosePoints, Sensor, with_points
-from .static_exposure import Drawing, Still, lens_margin, margin_of
+from .static_exposure import Drawing, Still, is_resampled, lens_margin, margin_of
 
 # Poses of a motion whose light from beyond the image is followed: a wing is wide.
 _BEYOND_POSES = 9
@@ -104,8 +104,8 @@ def draw_still(renderer: Any, state: State, camera: str | None = None, *, produc
     products
         As of `Renderer.render`.
     roi : (x0, y0, x1, y1) int [px], optional
-        The part that is asked for, one past the last: no other is drawn where there is neither a lens nor a coma, and
-        the rest of the arrays is dark. The tolerance is held in it, with samples that the planner chose for it alone.
+        The part that is asked for, one past the last: no other is drawn where there is no coma, and the rest of the
+        arrays is dark. The tolerance is held in it, with samples that the planner chose for it alone.
     **options
         `max_error`, `samples`, `on_progress`, `out`, and the renderer's own (`Backend.options`); one that takes no
         `on_progress` or `out` is not given it.
@@ -115,7 +115,7 @@ def draw_still(renderer: Any, state: State, camera: str | None = None, *, produc
     SceneError, ConfigError
     """
     pinhole = renderer.scene.camera(camera)
-    began, margin_px = time.perf_counter(), lens_margin(pinhole)
+    began, margin_px = time.perf_counter(), lens_margin(pinhole) if is_resampled(renderer, pinhole) else 0
     drawing = Drawing(renderer, pinhole, margin_px, False, roi=None if renderer.scene.emission else roi, **options)
     still = drawing.still(state, products)
     light = _without_margin(still.irradiance_W_m2, margin_px)
@@ -186,7 +186,7 @@ def take_frame(renderer: Any, state: State, camera: str | None = None, *, seed: 
     n_rows, row_s = pinhole.height_px, model.detector.rolling_shutter_row_s
     longest_s = model.auto_exposure.max_s if exposure == "auto" else exposure
     is_moving = bool(sub_states) or _moves(state, 0.5 * (longest_s + abs(row_s) * n_rows))
-    margin_px, margin_text = margin_of(scene, state, pinhole, is_moving)
+    margin_px, margin_text = margin_of(renderer, state, pinhole, is_moving)
     drawing = Drawing(renderer, pinhole, margin_px, True, **options)
     sensor = Sensor(scene, pinhole, margin_px)
     n_rows += 2 * margin_px

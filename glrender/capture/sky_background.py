@@ -83,7 +83,7 @@ def merged(parts: list[tuple[PointSources, np.ndarray | float]]) -> PointSources
 
 
 def sun_box(state: State, camera: PinholeCamera) -> tuple[int, int, int, int] | None:
-    """Part of the image x0, y0, x1, y1 [px] that the Sun's disc may touch, or None; `camera` does not distort."""
+    """Part of the image x0, y0, x1, y1 [px] that the Sun's disc may touch, or None."""
     place = Place.of(state, camera)
     r_sun = place.camera_from_inertial @ (state.r_sun_inertial_m - place.r_inertial_m)
     distance_m = float(np.linalg.norm(r_sun))
@@ -95,7 +95,8 @@ def sun_box(state: State, camera: PinholeCamera) -> tuple[int, int, int, int] | 
         return None
     # Off axis the disc is longer than it is wide, by the cosine squared at most.
     cosine = r_sun[2] / distance_m
-    reach = camera.focal_length_px * np.tan(np.arcsin(SUN_RADIUS_M / distance_m)) / cosine**2 + 2.0
+    reach = camera.focal_length_px * np.tan(np.arcsin(SUN_RADIUS_M / distance_m)) / cosine**2
+    reach = reach * (1.0 if camera.lens_map is None else camera.lens_map.stretch) + 2.0
     size = np.array([camera.width_px, camera.height_px])
     low, high = np.clip([centre - reach, centre + reach + 1.0], 0, size).astype(int)
     return (int(low[0]), int(low[1]), int(high[0]), int(high[1])) if (low < high).all() else None
@@ -110,7 +111,7 @@ def sunlight(renderer: Any, state: State, camera: PinholeCamera, box: tuple[int,
         As of `glrender.open_renderer`.
     state : State
     camera : PinholeCamera
-        Draws for one of the scene's; does not distort.
+        Draws for one of the scene's.
     box : (x0, y0, x1, y1) int [px]
         Of `sun_box`.
 

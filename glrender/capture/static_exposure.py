@@ -68,8 +68,8 @@ class Drawing:
     is_for_detector : bool
         Whether the tolerance holds after the point spread function, and the Sun is drawn.
     roi : (x0, y0, x1, y1) int [px], optional
-        The part of the image that is asked for: where no lens distorts no more is drawn, and the rest is dark,
-        without a body.
+        The part of the image that is asked for: where no image is moved by a lens no more is drawn, and the rest is
+        dark, without a body.
     max_error, samples
         As of `Renderer.render`.
     on_progress : callable, optional
@@ -91,7 +91,7 @@ class Drawing:
         self._renderer, self._camera, self._margin_px = renderer, camera, margin_px
         self._is_for_detector = is_for_detector
         wide = camera.with_margin(margin_px)
-        self.lens = resampling_lens(renderer, wide)
+        self.lens = lens_of(wide) if is_resampled(renderer, camera) else None
         self.source = wide if self.lens is None else self.lens.source
         self._box = None
         if roi is not None:
@@ -194,9 +194,9 @@ class Drawing:
         return whole
 
 
-def resampling_lens(renderer: Any, camera: PinholeCamera) -> DistortingLens | None:
-    """The lens that moves a rectilinear image's light; None without one, or of a renderer that draws behind it."""
-    return None if getattr(renderer, "draws_lenses", False) else lens_of(camera)
+def is_resampled(renderer: Any, camera: PinholeCamera) -> bool:
+    """Whether a renderer draws a rectilinear image, whose light is moved by the camera's lens."""
+    return camera.distortion is not None and not getattr(renderer, "draws_lenses", False)
 
 
 def _in_pixels(errors: Mapping[str, float], cells: float) -> dict[str, float]:
@@ -211,15 +211,16 @@ def _part(camera: PinholeCamera, box: tuple[int, int, int, int]) -> PinholeCamer
     return replace(camera, width_px=x1 - x0, height_px=y1 - y0, principal_point_px=(x - x0, y - y0))
 
 
-def margin_of(scene: Scene, state: State, camera: PinholeCamera, is_moving: bool) -> tuple[int, str]:
+def margin_of(renderer: Any, state: State, camera: PinholeCamera, is_moving: bool) -> tuple[int, str]:
     """The margin to draw beyond the frame of a camera with a model [px], and the reason in words."""
+    scene = renderer.scene
     reach = _largest_margin(camera)
     if not reach:
         why = "the lens images nothing there" if camera.model.psf_margin_px > 0 else "no light is spread that far"
         return 0, f"skipped: {why}"
     text = f"{reach} px, as far as light is spread"
     # Comae have no edge; another margin would be another lens to prepare, or another size from pose to pose.
-    if scene.emission or camera.distortion is not None or is_moving:
+    if scene.emission or is_resampled(renderer, camera) or is_moving:
         return reach, text
     wide = camera.with_margin(reach)
     boxes = [view.bounds_px for view in view_bodies(state, wide, scene.hulls)
@@ -251,12 +252,15 @@ def prepare(scene: Scene) -> None:
             for band in camera.model.bands.values():
                 if band.optics.is_diffracted or band.optics.psf_measured is not None:
                     band.optics.psf_fine_kernel  # noqa: B018 (a cached property: of stars and of small bodies)
-        if (lens := lens_of(wide)) is not None:
+        if (lens := lens_of(wide)) is not None and scene.emission:
             lens.prepare()
+        for each in (camera, wide):
+            if each.lens_map is not None:
+                each.lens_map.pixels_solid_angles  # noqa: B018 (a cached property)
 
 
 def lens_margin(camera: PinholeCamera) -> int:
-    """Margin [px] that all images of a distorting camera have, so that it has one lens; none of any other camera."""
+    """Margin [px] of all images that a lens moves, so that a camera has one lens; none of any other camera."""
     return 0 if camera.distortion is None or camera.model is None else _largest_margin(camera)
 
 

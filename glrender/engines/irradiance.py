@@ -9,6 +9,7 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
+from glrender_camera import PinholeCamera
 
 from ..base.errors import ConfigError
 from ..base.stopwatch import Clock
@@ -27,6 +28,7 @@ from .coverage.image_cells import ImageCells
 from .raster.gl.context import Context
 from .raster.gl.mesh import IRRADIANCE_STAGE
 from .raster.gl.targets import Target
+from .raster.lens_samples import Bounds, lens_samples
 from .raster.surface_pass import Frame, SurfacePass
 from .rays.engine import RayEngine, draws
 from .small_bodies import SmallBody, add_by_area
@@ -37,6 +39,8 @@ _MAX_WINDOW_SAMPLES = 16_777_216
 _FIRST_RAYS = 3e5
 # Side [px] of the parts of an image that are passed over where nothing faces both.
 _FACING_TILE_PX = 32
+# Samples along the side of a part that OpenGL draws behind a lens: it draws three times as many, and more.
+_LENS_TILE = 1024
 
 
 class IrradiancePass:
@@ -180,7 +184,9 @@ class IrradiancePass:
         gain = noise * error_model.crescent_gain(group.phase_rad)
         # Beside the bodies' outlines it is dark; beyond the frame, nobody knows.
         sides = (y0 > 0, x0 > 0, y1 < frame.camera.height_px, x1 < frame.camera.width_px)
-        for tile in self._tiles(mean.shape, window.samples, math.inf if facing is None else _FACING_TILE_PX):
+        is_bent = window.engine == "raster" and frame.camera.lens_map is not None
+        widest_px = _LENS_TILE // window.samples if is_bent else math.inf
+        for tile in self._tiles(mean.shape, window.samples, widest_px if facing is None else _FACING_TILE_PX):
             if facing is not None and not facing[tile].any():
                 continue
             ends = (tile[0].start == 0, tile[1].start == 0, tile[0].stop == y1 - y0, tile[1].stop == x1 - x0)
@@ -214,7 +220,8 @@ class IrradiancePass:
         if refinement is None:
             told = {"flux_error": eclipse_samples.flux_error(mean, variance, window.samples)} if is_eclipsed else {}
             return mean, replace(window, drawn={"samples": now, "edges of shadow maps": edges}, **told)
-        for tile in self._tiles(mean.shape, refinement.samples):
+        widest_px = _LENS_TILE // refinement.samples if is_bent else math.inf
+        for tile in self._tiles(mean.shape, refinement.samples, widest_px):
             mask = refinement.mask[tile]
             if mask.any():
                 pixels = pixel_means(draw(tile, refinement.samples, mask), refinement.samples)
@@ -254,10 +261,16 @@ class IrradiancePass:
             samples = self._cast(window, frame, bounds_px, grid, mask)
             clock.lap("surface")
             return samples
-        self._surfaces.draw(frame, self._target, IRRADIANCE_STAGE, bounds_px, grid, window.bodies, mask)
-        self._context.gl.finish()
-        clock.lap("surface")
-        samples = self._target.read()
+        def draw(camera: PinholeCamera, bounds_px: Bounds, grid: tuple[int, int], mask: np.ndarray | None
+                 ) -> np.ndarray:
+            self._surfaces.draw(replace(frame, camera=camera), self._target, IRRADIANCE_STAGE, bounds_px, grid,
+                                window.bodies, mask)
+            self._context.gl.finish()
+            clock.lap("surface")
+            return self._target.read()
+
+        samples = draw(frame.camera, bounds_px, grid, mask) if frame.camera.lens_map is None else lens_samples(
+            draw, frame.camera, bounds_px, grid, mask, (self._context.info["max_texture_px"], _MAX_WINDOW_SAMPLES))
         clock.lap("readback")
         return samples
 

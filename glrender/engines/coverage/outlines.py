@@ -76,7 +76,7 @@ def _add_bent(changes: np.ndarray, cells: ImageCells, lens: LensMap, xy: np.ndar
     for _ in range(_MOST_HALVINGS):
         first, last = places[:2], places[2:]
         length_px = np.sqrt(np.square(last - first).sum(axis=0))
-        # A line beyond one side of the cells changes them alike whatever its way: it is far off, compared with its bend.
+        # A line beyond one side of the cells changes them alike whatever its way, and bends by less than its length.
         beyond = (np.maximum(first, last) + length_px < low[:, None]) | (
             np.minimum(first, last) - length_px > high[:, None])
         is_done = (length_px <= lens.straight_px) | beyond.any(axis=0)

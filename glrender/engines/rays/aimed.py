@@ -166,9 +166,12 @@ class _FacingFacets:
         depth_m = from_camera @ view.camera_from_body[2]
         # Facets that reach behind the camera have no box.
         safe_m = np.where(depth_m > 0.0, depth_m, np.nan)
-        place = (camera.focal_length_px * (from_camera @ view.camera_from_body[:2].T).T / safe_m
-                 + np.array(camera.principal_point_px)[:, None])[:, corner]
-        low, high = place.min(axis=1) - _BESIDE_PX, place.max(axis=1) + _BESIDE_PX
+        place = camera.places_px((from_camera @ view.camera_from_body[:2].T).T / safe_m)[:, corner]
+        low, high = place.min(axis=1), place.max(axis=1)
+        beside_px = _BESIDE_PX
+        if camera.lens_map is not None:
+            beside_px = beside_px + camera.lens_map.most_bent_px(high - low)
+        low, high = low - beside_px, high + beside_px
         behind = np.isnan(low[0]) & (depth_m[corner] > 0.0).any(axis=0)
         x0, y0, x1, y1 = roi
         first, size = np.array([[x0], [y0]]), np.array([[x1 - x0], [y1 - y0]])
@@ -261,8 +264,7 @@ class _FacingFacets:
         cos_emission, x0, y0 = dot(normal, to_camera), *self._roi[:2]
         along = -(view.camera_from_body @ to_camera)
         ahead = along[2] > 0.0
-        column, row = (np.rint(self._camera.focal_length_px * along[k] / np.where(ahead, along[2], 1.0)
-                               + self._camera.principal_point_px[k]) - corner for k, corner in ((0, x0), (1, y0)))
+        column, row = np.rint(self._camera.places_px(along[:2] / np.where(ahead, along[2], 1.0))) - [[x0], [y0]]
         columns, rows = self._roi[2] - x0, self._roi[3] - y0
         is_asked = ahead & (column >= 0) & (row >= 0) & (column < columns) & (row < rows) & (cos_emission > 0.0) & (
             dot(normal, to_sun) > 0.0)

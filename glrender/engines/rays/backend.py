@@ -79,6 +79,11 @@ class RayTracer:
             self._engine.close()
 
     @property
+    def draws_lenses(self) -> bool:
+        """Whether it draws what a camera that distorts sees: without the light of a coma."""
+        return not self.scene.emission
+
+    @property
     def info(self) -> dict[str, Any]:
         """Name of the engine that draws."""
         return {"backend": "raytrace", "gl_renderer": "Embree (embreex)", "gl_version": ""}
@@ -111,7 +116,7 @@ class RayTracer:
         """
         self._own.check()
         began = time.perf_counter()
-        pinhole = self.scene.drawn_camera(camera)
+        pinhole = self.scene.drawn_camera(camera, self.draws_lenses)
         wanted = checked_products(products)
         max_error = self.scene.max_error if max_error is None else checked_max_error(max_error)
         if samples is not None:
