@@ -3,17 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from . import lens_loops
 from .distortion import BrownConrady, frame_border
-
-if TYPE_CHECKING:
-    from .projection import PinholeCamera
 
 # Places along each side of the frame, or of a box, at which the map is looked at.
 _NODES = 17
@@ -35,9 +30,11 @@ class LensMap:
 
     Parameters
     ----------
-    camera : PinholeCamera
     distortion : BrownConrady
-        Its own.
+    size_px : (int, int) [px]
+        Width and height of the frame.
+    focal_length_px : float [px]
+    principal_point_px : (2,) float [px]
 
     Attributes
     ----------
@@ -47,33 +44,38 @@ class LensMap:
         The length in the image up to which straight lines stay straight to a hundredth of a pixel.
     """
 
-    def __init__(self, camera: PinholeCamera, distortion: BrownConrady):
-        self._camera, self._distortion = camera, distortion
-        border = camera.normalised(frame_border(camera.width_px, camera.height_px, _RIM_PX))
+    def __init__(self, distortion: BrownConrady, size_px: tuple[int, int], focal_length_px: float,
+                 principal_point_px: tuple[float, float]):
+        self._distortion, self._size_px, self._focal_length_px = distortion, size_px, focal_length_px
+        self._principal_point_px = np.array(principal_point_px, float)
+        border = self.normalised(frame_border(*size_px, _RIM_PX))
         most, reach = distortion.max_radius, float(np.nanmax(np.hypot(*border.T)))
         self._lens = distortion.numbers(min(1.001 * reach, 0.5 * (reach + most)))
         self.stretch, self.straight_px = self._extremes()
 
     def _extremes(self) -> tuple[float, float]:
-        camera, rim = self._camera, self._lens[9]
-        x, y = (np.linspace(-0.5, size - 0.5, _NODES) for size in (camera.width_px, camera.height_px))
-        xy = camera.normalised(np.stack(np.broadcast_arrays(x, y[:, None]), axis=-1).reshape(-1, 2))
+        rim, (x, y) = self._lens[9], (np.linspace(-0.5, size - 0.5, _NODES) for size in self._size_px)
+        xy = self.normalised(np.stack(np.broadcast_arrays(x, y[:, None]), axis=-1).reshape(-1, 2))
         xy = xy[np.hypot(*xy.T) < (1.0 - 2.0 * _STEP) * rim]
         jacobian, step = self._distortion.jacobian(xy), _STEP * rim
         curved = sum(((self._distortion.jacobian(xy + aside) - self._distortion.jacobian(xy - aside))
                       / (2.0 * step)) ** 2 for aside in step * np.eye(2)).sum(axis=(1, 2))
         least, most = np.linalg.svd(jacobian, compute_uv=False).T[::-1]
         # A line of a length l bends by the second derivative times l^2 / 8.
-        bend_per_px = float((np.sqrt(curved) / least**2).max()) / camera.focal_length_px
+        bend_per_px = float((np.sqrt(curved) / least**2).max()) / self._focal_length_px
         return float(most.max()), max(math.sqrt(8.0 * _MOST_BENT_PX / max(bend_per_px, 1e-300)), _SHORTEST_PX)
 
     def places_px(self, xy: np.ndarray) -> np.ndarray:
         """Places (2, N) float64 [px] of X / Z, Y / Z (2, N) [1]."""
         found = np.empty((2, xy.shape[1]))
         lens_loops.distort(xy, self._lens, found)
-        found *= self._camera.focal_length_px
-        found += np.array(self._camera.principal_point_px)[:, None]
+        found *= self._focal_length_px
+        found += self._principal_point_px[:, None]
         return found
+
+    def normalised(self, pixel: np.ndarray) -> np.ndarray:
+        """X / Z, Y / Z (N, 2) float64 [1] of places in the image (N, 2) [px]; NaN where no direction is imaged."""
+        return self._distortion.undistort((pixel - self._principal_point_px) / self._focal_length_px)
 
     def most_bent_px(self, sides_px: np.ndarray) -> np.ndarray:
         """Distance (N,) [px] by which images of lines between corners of boxes, of sides (2, N) [px], leave them."""
@@ -93,8 +95,10 @@ class LensMap:
     @cached_property
     def pixels_solid_angles(self) -> np.ndarray:
         """The same of all pixels, (height, width)."""
-        camera = self._camera
-        return self.solid_angles(camera.seen.reshape(-1, 2).T).reshape(camera.height_px, camera.width_px)
+        x = np.arange(self._size_px[0], dtype=np.float64)
+        # A row at a time: all at once would take many times the frame's memory.
+        return np.array([self.solid_angles(self.normalised(np.stack(np.broadcast_arrays(x, float(row)), axis=-1)).T)
+                         for row in range(self._size_px[1])])
 
     def box_px(self, xy: np.ndarray) -> np.ndarray:
         """Box (4,) float64 [px], x0, y0, x1, y1, around the image of the convex hull of X / Z, Y / Z (2, N) [1]."""
@@ -117,20 +121,9 @@ class LensMap:
 
         Of none the change at the frame's nearest place.
         """
-        size = np.array([self._camera.width_px, self._camera.height_px])
+        size = np.array(self._size_px)
         low, high = np.clip(np.reshape(box_px, (2, 2)), 0.5, np.maximum(size - 1.5, 0.5))
         nodes = np.stack(np.meshgrid(*np.linspace(low, high, 5).T), axis=-1).reshape(-1, 2)
-        changes = [np.log(self.solid_angles(self._camera.normalised(nodes + aside).T)
-                          / self.solid_angles(self._camera.normalised(nodes - aside).T)) for aside in 0.5 * np.eye(2)]
+        changes = [np.log(self.solid_angles(self.normalised(nodes + aside).T)
+                          / self.solid_angles(self.normalised(nodes - aside).T)) for aside in 0.5 * np.eye(2)]
         return float(np.hypot(*changes).max())
-
-    @cached_property
-    def rectilinear(self) -> PinholeCamera:
-        """The camera without distortion, of the same focal length, that sees all that the frame sees."""
-        camera = self._camera
-        border = camera.normalised(frame_border(camera.width_px, camera.height_px, 1))
-        place = border[np.isfinite(border).all(axis=1)] * camera.focal_length_px
-        low, high = np.floor(place.min(axis=0)) - 1.0, np.ceil(place.max(axis=0)) + 1.0
-        width, height = (int(side) for side in high - low + 1.0)
-        return replace(camera, width_px=width, height_px=height, principal_point_px=tuple(-low), distortion=None,
-                       model=None)

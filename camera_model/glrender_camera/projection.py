@@ -187,12 +187,20 @@ class PinholeCamera:
     @cached_property
     def lens_map(self) -> LensMap | None:
         """The map of the lens; None of one that does not distort."""
-        return None if self.distortion is None else LensMap(self, self.distortion)
+        return None if self.distortion is None else LensMap(
+            self.distortion, (self.width_px, self.height_px), self.focal_length_px, self.principal_point_px)
 
-    @property
+    @cached_property
     def rectilinear(self) -> PinholeCamera:
         """The camera without distortion, of the same focal length, that sees all that this one sees."""
-        return self if self.lens_map is None else self.lens_map.rectilinear
+        if self.distortion is None:
+            return self
+        border = self.normalised(frame_border(self.width_px, self.height_px, 1))
+        place = border[np.isfinite(border).all(axis=1)] * self.focal_length_px
+        low, high = np.floor(place.min(axis=0)) - 1.0, np.ceil(place.max(axis=0)) + 1.0
+        width, height = (int(side) for side in high - low + 1.0)
+        return replace(self, width_px=min(width, MAX_IMAGE_PX), height_px=min(height, MAX_IMAGE_PX),
+                       principal_point_px=tuple(-low), distortion=None, model=None)
 
     def places_px(self, xy: np.ndarray) -> np.ndarray:
         """Places (2, N) float64 [px] of X / Z, Y / Z in `camera` (2, N) [1]: the inverse of `normalised`.

