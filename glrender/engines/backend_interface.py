@@ -22,6 +22,9 @@ class Backend(Protocol):
     options : tuple of str
         Names of the options that its `render` takes besides those below. `capture` gives it ``use``, an `ImageUse`, and
         ``on_progress``, a callable, if they are among them.
+    draws_lenses : bool
+        Whether its images are those of a camera that distorts. Of one without this attribute `capture` takes a
+        rectilinear image, and moves its light.
     """
 
     settings: tuple[str, ...]

@@ -79,7 +79,7 @@ def missed(plan: RenderPlan, least: Mapping[str, float], way_out: str) -> list[s
             for unit, text in plan.misses().items()]
 
 
-def restated(image: RenderPlan, *, cells: int = 1, **errors: Any) -> RenderPlan:
+def restated(image: RenderPlan, *, cells: int = 1, moved: float = 0.0, **errors: Any) -> RenderPlan:
     """The plan of a frame that a camera makes of an image: the frame has other errors, and misses of its own.
 
     Where the image's plan is silent about a miss, as of samples that were asked for, so is the frame's.
@@ -89,6 +89,8 @@ def restated(image: RenderPlan, *, cells: int = 1, **errors: Any) -> RenderPlan:
     image : RenderPlan
     cells : int
         Cells of the image along the side of a pixel of the frame.
+    moved : float [1]
+        RMS error of their light where a lens moves it.
     **errors
         The frame's `max_error`, `predicted_error`, `asked` and `navigation`.
     """
@@ -103,6 +105,9 @@ def restated(image: RenderPlan, *, cells: int = 1, **errors: Any) -> RenderPlan:
             if promised:
                 least = f"{float(least) / (cells if unit.endswith('_px') else 1):.2g}"
             warnings.append(now[unit] + way_out + promised + least)
+    if "rms" in now and "rms" not in before and moved > made.max_error:
+        warnings.append(f"{now['rms']}; a lens moves the light of a rectilinear image, which blurs edges: the backend "
+                        "\"auto\" draws behind the lens what has no coma")
     return replace(made, warnings=tuple(warnings))
 
 

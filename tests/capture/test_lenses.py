@@ -11,7 +11,8 @@ from chain import DETECTOR, opencv
 from glrender import Body, Pose, Renderer, Shape, State, draw_still, frames, generate, open_renderer, take_frame
 from glrender.base.constants import AU_M
 from glrender.brdf import Lambert
-from glrender_camera import BrownConrady, CameraModel, Optics, PinholeCamera
+from glrender.planner.request import ImageUse
+from glrender_camera import BrownConrady, CameraModel, ConfigError, Optics, PinholeCamera, lens_of
 from scipy.interpolate import RectBivariateSpline
 
 ALBEDO = 0.4
@@ -90,6 +91,41 @@ def test_a_sphere_has_the_error_that_is_asked_for(name):
             assert abs(image.sum() / truth.sum() - 1.0) < max(told["flux"], 2e-4), (engine, asked)
             off_px = np.linalg.norm(views.centroid_px(image) - views.centroid_px(truth))
             assert off_px < (0.005 if asked == 0.005 else 0.03), (engine, asked)
+
+
+class Moved(Renderer):
+    """A backend that draws no lens, as one that a plug-in brings."""
+
+    draws_lenses = False
+
+
+@pytest.mark.parametrize("name", ["barrel", "weak"])
+def test_light_that_is_moved_in_cells_has_the_error_that_is_predicted(name):
+    """RMS 0.01 to 0.03 whatever is asked: predicted within 1.0 and 2.5 times, with a warning where that is missed."""
+    scene, state, box, radiance = sphere(name)
+    truth = true_image(name, box, radiance)
+    with Moved(scene) as renderer:
+        with pytest.raises(ConfigError, match="distorts.*take_frame"):
+            renderer.render(state)
+        plan = draw_still(renderer, state, max_error=0.005)
+        error = views.relative_rms(plan.irradiance_W_m2, truth)
+        assert 1.0 < plan.plan.predicted["rms"] / error < 2.5
+        assert any("a lens moves the light" in text for text in plan.plan.warnings) and "rms" in plan.plan.missed
+        assert not draw_still(renderer, state, max_error=0.1).plan.warnings
+
+
+def test_the_warning_of_a_distorting_camera_has_pixels_of_its_frame():
+    """The limb's errors, predicted and promised at best, are those of the image of cells: 3 along a pixel's side."""
+    camera = views.camera(64, 40.0, distortion=BrownConrady(k1=2.0))
+    with Moved(views.scene([views.sphere(Lambert(normal_albedo=ALBEDO), 4)], [camera])) as renderer:
+        frame = draw_still(renderer, views.state(range_m=400.0), max_error={"limb_px": 1e-6}).plan
+        cells = renderer.render(views.state(range_m=400.0), lens_of(camera).source, max_error={"limb_px": 3e-6},
+                                use=ImageUse(error_gain=1.0 / 3.0)).plan
+    said, said_of_cells = frame.warnings[0], cells.warnings[0]
+    assert lens_of(camera).oversampling == 3 and cells.missed == ("limb_px",) and "limb_px" in frame.missed
+    assert said.startswith(f"predicted limb_px {cells.predicted['limb_px'] / 3.0:.2g} exceeds max_error 1e-06; no ")
+    least, of_cells = (float(text.split("less than ")[1]) for text in (said, said_of_cells))
+    assert least == pytest.approx(of_cells / 3.0, rel=0.05)
 
 
 @pytest.mark.parametrize("name", ["barrel", "rational"])
