@@ -1,4 +1,4 @@
-"""Images behind lenses that distort. Truth: closed forms along rays that OpenCV's inverse gives, 16 x 16 in a pixel."""
+"""Images behind lenses that distort. Truth: closed forms along rays that OpenCV's inverse gives, 10 to 16 along a pixel's side."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def camera_of(name, **fields):
                             "distortion": BrownConrady.from_opencv(coefficients), **fields})
 
 
-def true_image(name, box, radiance_of, n=16):
+def true_image(name, box, radiance_of, n=14):
     """Irradiance (height, width) [W/m2] of radiance along rays (N, 3) through n x n places in the pixels of a box."""
     (x0, y0, x1, y1), image = box, np.zeros((200, 260))
     node_x, node_y = np.arange(x0 - 2.0, x1 + 3.0, 2.0), np.arange(y0 - 2.0, y1 + 3.0, 2.0)
@@ -101,16 +101,16 @@ class Moved(Renderer):
 
 @pytest.mark.parametrize("name", ["barrel", "weak"])
 def test_light_that_is_moved_in_cells_has_the_error_that_is_predicted(name):
-    """RMS 0.01 to 0.03 whatever is asked: predicted within 1.0 and 2.5 times, with a warning where that is missed."""
+    """RMS 0.01 to 0.03 whatever is asked: predicted within 1 and 4 times, with a warning where that is missed."""
     scene, state, box, radiance = sphere(name)
     truth = true_image(name, box, radiance)
     with Moved(scene) as renderer:
         with pytest.raises(ConfigError, match="distorts.*take_frame"):
             renderer.render(state)
-        plan = draw_still(renderer, state, max_error=0.005)
-        error = views.relative_rms(plan.irradiance_W_m2, truth)
-        assert 1.0 < plan.plan.predicted["rms"] / error < 2.5
-        assert any("a lens moves the light" in text for text in plan.plan.warnings) and "rms" in plan.plan.missed
+        still = draw_still(renderer, state, max_error=0.005)
+        error = views.relative_rms(still.irradiance_W_m2, truth)
+        assert 1.0 < still.plan.predicted["rms"] / error < 4.0
+        assert any("a lens moves the light" in text for text in still.plan.warnings) and "rms" in still.plan.missed
         assert not draw_still(renderer, state, max_error=0.1).plan.warnings
 
 
@@ -130,9 +130,9 @@ def test_the_warning_of_a_distorting_camera_has_pixels_of_its_frame():
 
 @pytest.mark.parametrize("name", ["barrel", "rational"])
 def test_sides_of_large_facets_are_bent(name):
-    """A square of two facets, 120 px wide, tilted: RMS 0.003. Its straight sides would be up to 2 px off."""
+    """A square of two facets, 90 px wide, tilted: RMS 0.003. Its straight sides would be up to 2 px off."""
     camera = camera_of(name)
-    half_m, centre = 60.0 / camera.focal_length_px, np.array([0.2, 0.1, 1.0])
+    half_m, centre = 45.0 / camera.focal_length_px, np.array([0.2, 0.1, 1.0])
     turn = frames.dcm(np.array([0.96, 0.2, 0.1, np.sqrt(1.0 - 0.96**2 - 0.05)]))
     corners = half_m * np.array([[-1.0, -1.0, 0.0], [-1.0, 1.0, 0.0], [1.0, 1.0, 0.0], [1.0, -1.0, 0.0]])
     shape = Shape.from_arrays(corners, [[0, 1, 2], [0, 2, 3]])
@@ -150,7 +150,7 @@ def test_sides_of_large_facets_are_bent(name):
     with Renderer(views.scene([body], [camera], sun_disc=False)) as renderer:
         image = draw_still(renderer, state, max_error=0.02, engine="coverage").irradiance_W_m2
     rows, columns = np.nonzero(image)
-    truth = true_image(name, (columns.min() - 1, rows.min() - 1, columns.max() + 2, rows.max() + 2), radiance)
+    truth = true_image(name, (columns.min() - 1, rows.min() - 1, columns.max() + 2, rows.max() + 2), radiance, 10)
     assert len(rows) > 3000 and views.relative_rms(image, truth) < 0.003
 
 
