@@ -1,4 +1,4 @@
-"""Images behind lenses that distort. Truth: closed forms along rays that OpenCV's inverse gives, 10 to 16 along a pixel's side."""
+"""Images behind lenses that distort. Truth: closed forms along rays that OpenCV gives, 10 x 10 a pixel and more."""
 
 from __future__ import annotations
 
@@ -130,28 +130,30 @@ def test_the_warning_of_a_distorting_camera_has_pixels_of_its_frame():
 
 @pytest.mark.parametrize("name", ["barrel", "rational"])
 def test_sides_of_large_facets_are_bent(name):
-    """A square of two facets, 90 px wide, tilted: RMS 0.003. Its straight sides would be up to 2 px off."""
+    """A cube of twelve facets, 80 px wide: RMS 0.005. With straight sides it would be 0.02 or more."""
     camera = camera_of(name)
-    half_m, centre = 45.0 / camera.focal_length_px, np.array([0.2, 0.1, 1.0])
-    turn = frames.dcm(np.array([0.96, 0.2, 0.1, np.sqrt(1.0 - 0.96**2 - 0.05)]))
-    corners = half_m * np.array([[-1.0, -1.0, 0.0], [-1.0, 1.0, 0.0], [1.0, 1.0, 0.0], [1.0, -1.0, 0.0]])
-    shape = Shape.from_arrays(corners, [[0, 1, 2], [0, 2, 3]])
-    body = Body(name="body", shape=shape, brdf=Lambert(normal_albedo=ALBEDO))
-    pose = Pose(r_inertial_m=centre, q_from_inertial=frames.quaternion(turn))
+    half_m, centre = 28.0 / camera.focal_length_px, np.array([0.4, 0.2, 1.0])
+    turn = frames.dcm(np.array([0.8, 0.4, 0.2, 0.4]))
+    corners = half_m * np.array(list(product((-1.0, 1.0), repeat=3)))
+    sides = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    shape = Shape.from_arrays(corners, [corner for a, b, c, d in sides for corner in ((a, b, c), (a, c, d))])
     state = State(r_sun_inertial_m=centre + AU_M * SUN, spacecraft=Pose(r_inertial_m=np.zeros(3)),
-                  bodies={"body": pose})
-    normal = turn.T @ [0.0, 0.0, -1.0]
+                  bodies={"body": Pose(r_inertial_m=centre, q_from_inertial=frames.quaternion(turn))})
 
     def radiance(ray):
-        on_plane = turn @ (ray * ((normal @ centre) / (ray @ normal))[:, None] - centre).T
-        is_in = (np.abs(on_plane[:2]) < half_m).all(axis=0)
-        return ALBEDO / np.pi * views.SOLAR_IRRADIANCE_W_M2 * (normal @ SUN) * is_in
+        way, begin = ray @ turn.T, -turn @ centre
+        near, far = (-np.sign(way) * side - begin for side in (half_m, -half_m))
+        near, far = near / way, far / way
+        axis, every = near.argmax(axis=1), np.arange(len(ray))
+        cosine = -np.sign(way[every, axis]) * (turn @ SUN)[axis] * (near.max(axis=1) < far.min(axis=1))
+        return ALBEDO / np.pi * views.SOLAR_IRRADIANCE_W_M2 * np.maximum(cosine, 0.0)
 
+    body = Body(name="body", shape=shape, brdf=Lambert(normal_albedo=ALBEDO))
     with Renderer(views.scene([body], [camera], sun_disc=False)) as renderer:
         image = draw_still(renderer, state, max_error=0.02, engine="coverage").irradiance_W_m2
     rows, columns = np.nonzero(image)
     truth = true_image(name, (columns.min() - 1, rows.min() - 1, columns.max() + 2, rows.max() + 2), radiance, 10)
-    assert len(rows) > 3000 and views.relative_rms(image, truth) < 0.003
+    assert len(rows) > 1500 and views.relative_rms(image, truth) < 0.005
 
 
 def test_a_region_of_interest_is_that_part_of_the_image_and_nothing_else():

@@ -93,7 +93,7 @@ def test_the_server_sends_the_bytes_of_take_frame(client, renderer, camera, stat
 def test_irradiance_comes_distorted_too(client, renderer):
     reply = client.render(STATE.to_dict(), "wide")
     np.testing.assert_array_equal(reply.pixels, draw_still(renderer, STATE, "wide").irradiance_W_m2)
-    assert reply.header["stages"]["distortion"].startswith("k1 -0.2, p1 0.001; drawn as")
+    assert reply.header["stages"]["distortion"].startswith("k1 -0.2, p1 0.001; drawn behind the lens")
 
 
 def test_hello_tells_distortion_mosaic_and_stars(client):
