@@ -119,6 +119,8 @@ SCENE: tuple[Table, ...] = (
         "brdf": ("table", "The reflectance law; below."),
         "albedo_texture": ("text", "An image whose grey value over its full scale scales the law's albedo."),
         "albedo_texture_gain": ("float [1], > 0", "Factor on the texture; 1 by default."),
+        "albedo_projection": ("table", "Of a texture of longitudes and latitudes: kind = \"equirectangular\", "
+                              "left_edge_deg (-180 by default)."),
         "detail": ("table", "Made-up ground finer than the facets; below.")}, ("shape",)),
     *(Table(f"bodies.generated, kind = \"{kind}\"", (getattr(generate, kind),)) for kind in (
         "icosphere", "contact_binary", "gaussian_random_sphere", "three_lobes")),

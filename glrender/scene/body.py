@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from glrender_camera.projection import MAX_IMAGE_PX
@@ -16,7 +18,12 @@ from ..brdf import Law
 from .detail.config import Detail
 from .detail.height_field import Relief
 from .shape.convex_hull import Hull
+from .shape.equirectangular import corner_coordinates, left_edge_of
 from .shape.shape import Shape
+
+NO_COORDINATES = ('of a map of longitudes and latitudes say albedo_projection = { kind = "equirectangular", '
+                  'left_edge_deg = -180.0 }; else leave it out, or take a shape that has them (`vt` of an OBJ)')
+"""The way out where a map has nothing to lie on."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -35,6 +42,9 @@ class Body:
         Interpolated normals; by default each facet has its own, as a shape model is a polyhedron.
     detail : Detail, optional
         Ground finer than the facets, made up: none unless asked for.
+    albedo_projection : mapping, optional
+        ``{"kind": "equirectangular", "left_edge_deg": -180.0}`` of a map of longitudes and latitudes: the shape then
+        needs no texture coordinates, and has those of its places.
     """
 
     name: str
@@ -43,6 +53,7 @@ class Body:
     albedo_map: np.ndarray | None = None
     smooth_normals: bool = False
     detail: Detail | None = None
+    albedo_projection: Mapping[str, Any] | None = None
 
     def __post_init__(self):
         name_of("name", self.name)
@@ -56,9 +67,16 @@ class Body:
             raise ConfigError("detail", "must be a glrender.Detail", self.detail)
         with error_path("detail"):
             _ = self.relief
+        if self.albedo_projection is not None:
+            with error_path("albedo_projection"):
+                left_edge_deg = left_edge_of(self.albedo_projection)
+            if self.albedo_map is None:
+                raise ConfigError("albedo_projection", "goes with an albedo map", hint="leave it out")
+            uv = corner_coordinates(self.shape.vertices_m, self.shape.facets, left_edge_deg)
+            object.__setattr__(self, "shape", replace(self.shape, uv=uv))
         if self.albedo_map is not None:
             if self.shape.uv is None:
-                raise ConfigError("albedo_map", "needs a shape with texture coordinates")
+                raise ConfigError("albedo_map", "needs a shape with texture coordinates", hint=NO_COORDINATES)
             try:
                 albedo_map = np.array(self.albedo_map, dtype=np.float32)
             except (TypeError, ValueError, OverflowError):
@@ -72,7 +90,8 @@ class Body:
     @classmethod
     def from_file(cls, path: str | Path, *, name: str, length_unit: str | float, brdf: Law,
                   albedo_texture: str | Path | None = None, albedo_texture_gain: float = 1.0,
-                  smooth_normals: bool = False, detail: Detail | None = None, sides: str = "file") -> Body:
+                  smooth_normals: bool = False, detail: Detail | None = None, sides: str = "file",
+                  albedo_projection: Mapping[str, Any] | None = None) -> Body:
         """A body from a shape file.
 
         Parameters
@@ -85,6 +104,8 @@ class Body:
             Image whose grey value over its full scale, times `albedo_texture_gain`, scales the albedo.
         sides : {"file", "front", "both"}
             Sides of open shells: `Shape.from_file`.
+        albedo_projection : mapping, optional
+            Of a texture of longitudes and latitudes, as of `Body`.
 
         Raises
         ------
@@ -96,7 +117,8 @@ class Body:
             with error_path("albedo_texture"):
                 albedo_map = read_texture(Path(albedo_texture)) * np.float32(gain)
         return cls(name=name, shape=Shape.from_file(path, length_unit=length_unit, sides=sides), brdf=brdf,
-                   albedo_map=albedo_map, smooth_normals=smooth_normals, detail=detail)
+                   albedo_map=albedo_map, smooth_normals=smooth_normals, detail=detail,
+                   albedo_projection=albedo_projection)
 
     @cached_property
     def hull(self) -> Hull:

@@ -15,7 +15,7 @@ from glrender_camera.validate import known_keys, one_of, positive, text
 from ..base.errors import ConfigError, PluginError, error_path
 from ..brdf import Law
 from ..brdf.presets import PRESETS
-from .body import Body, read_texture
+from .body import NO_COORDINATES, Body, read_texture
 from .detail.config import Detail
 from .plugins.checks import blamed_on, is_foreign, named, try_law
 from .plugins.registry import emissions, laws
@@ -24,7 +24,7 @@ from .shape.shape import SIDES, Shape, metres_per_unit
 from .stars import Stars
 
 _BODY_KEYS = ("name", "shape", "generated", "length_unit", "brdf", "albedo_texture", "albedo_texture_gain",
-              "smooth_normals", "detail", "sides")
+              "smooth_normals", "detail", "sides", "albedo_projection")
 _CAMERA_KEYS = ("name", "width_px", "height_px", "focal_length_px", "principal_point_px",
                 "q_camera_from_spacecraft", "r_camera_spacecraft_m", "model", "distortion")
 # Longest name of a file on all file systems in use.
@@ -102,9 +102,9 @@ def body(table: Mapping[str, Any], path: str, files: Files) -> Body:
         gain = positive(f"{path}.albedo_texture_gain", table.get("albedo_texture_gain", 1.0))
         with error_path(f"{path}.albedo_texture"):
             albedo_map = read_texture(files.path("", table["albedo_texture"])) * np.float32(gain)
-        if shape.uv is None:
+        if shape.uv is None and "albedo_projection" not in table:
             raise ConfigError(f"{path}.albedo_texture", "needs a shape with texture coordinates, and this one has none",
-                              table["albedo_texture"], "leave it out, or take a shape that has them (`vt` of an OBJ)")
+                              table["albedo_texture"], NO_COORDINATES)
     law = read_law(table["brdf"], f"{path}.brdf")
     detail = None
     if "detail" in table:
@@ -112,7 +112,7 @@ def body(table: Mapping[str, Any], path: str, files: Files) -> Body:
             detail = Detail.from_table(table["detail"])
     with error_path(path):
         return Body(name=table["name"], shape=shape, brdf=law, albedo_map=albedo_map, detail=detail,
-                    smooth_normals=table.get("smooth_normals", False))
+                    smooth_normals=table.get("smooth_normals", False), albedo_projection=table.get("albedo_projection"))
 
 
 def _generated(table: object, path: str) -> Shape:
