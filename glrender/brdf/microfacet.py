@@ -31,9 +31,8 @@ class Microfacet(Law):
 
     Parameters
     ----------
-    base_albedo : float [1], 0..1
-        A metal's reflectance seen square on, a paint's albedo below its coat.
-    metalness : float [1], 0..1
+    base_albedo, metalness : float [1], 0..1
+        A metal's reflectance seen square on, or a paint's albedo below its coat; 1 of a metal, 0 of a paint.
     roughness : float [1], 0.1..1
         Root of GGX' alpha; below, the lobe is narrower than the Sun.
 
@@ -48,7 +47,7 @@ class Microfacet(Law):
     glsl: ClassVar[str] = "microfacet"
     uniform_fields: ClassVar[dict[str, str]] = {
         **dict.fromkeys(("law_base_albedo", "law_metalness", "law_alpha2", "law_mean_left"), "float"),
-        "law_left": "vec4[9]"}
+        "law_left": "vec4[32]"}
 
     def __post_init__(self):
         for name, least in (("base_albedo", 0.0), ("metalness", 0.0), ("roughness", 0.1)):
@@ -68,7 +67,7 @@ class Microfacet(Law):
     def uniforms(self) -> dict[str, Any]:
         left, mean = _left(self.roughness)
         return {"law_base_albedo": self.base_albedo, "law_metalness": self.metalness, "law_alpha2": self.roughness**4,
-                "law_mean_left": mean, "law_left": np.resize(left, (9, 4))}
+                "law_mean_left": mean, "law_left": np.stack([left[:-1], *[left[1:]] * 3], axis=1)}
 
 
 def _smith(mu: np.ndarray | float, alpha2: float) -> np.ndarray:

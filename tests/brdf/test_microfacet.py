@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 import views
 from cells import slow_but
 from glrender import ConfigError, Renderer
 from glrender.brdf import Microfacet
+from glrender.engines.cycles.osl import law_as_osl
 from missing import needed_module
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -118,6 +121,14 @@ def test_shader_is_the_twin(roughness, evaluate):
     for values in (evaluate(law, sun, camera, normal), law.brdf(sun, camera, normal), law.brdf(sun, -sun, normal),
                    evaluate(law, normal, normal, normal), law.brdf(normal, normal, normal)):
         assert np.isfinite(values).all() and (values >= 0.0).all()
+
+
+def test_blender_gets_the_same_text_without_what_its_language_lacks():
+    """Open Shading Language has no vectors of two to work on, and no place in a row by a number."""
+    text = law_as_osl(paint(0.3), False)
+    assert "law_left_at_vec4(k)" in text and not re.search(r"\]\s*\[|law_left\[", text)
+    body = text[text.index("float brdf("):]
+    assert "vec2" not in body[:body.index("shader law")]
 
 
 @pytest.mark.parametrize("options", slow_but([

@@ -19,7 +19,7 @@ from ...view.state import Pose, State
 from ..checks import angle_deg
 from .decimation import checked_share, decimated
 
-_ALBEDOS = ("normal_albedo", "single_scattering_albedo")
+_ALBEDOS = ("normal_albedo", "single_scattering_albedo", "base_albedo")
 
 # Lists of numbers go in, arrays come out.
 _NOWHERE: Any = (0.0, 0.0, 0.0)
