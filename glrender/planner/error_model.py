@@ -120,11 +120,10 @@ def rounding_error(view: BodyView, traits: BodyTraits, is_relative: bool) -> flo
 def ray_rounding_error(view: BodyView, traits: BodyTraits) -> float:
     """RMS error of Embree's float32 coordinates, and of how far off facets rays start (`rays`).
 
-    Of a pillar's shadow on a slab it is 0.0055 where a pixel sees 5e-6 radii; with less, rays are cast in float64.
+    Of a pillar's shadow on a slab it is 0.0055 where a pixel sees 5e-6 radii; facets of which a pixel would see less
+    than `FINE_FOOTPRINT` have coordinates about the camera.
     """
-    if view.footprint_m <= FINE_FOOTPRINT * traits.radius_m:
-        return 0.0
-    return _RAY_ROUNDING * traits.radius_m / view.footprint_m
+    return _RAY_ROUNDING / max(view.footprint_m / traits.radius_m, FINE_FOOTPRINT)
 
 
 def parallel_error(view: BodyView, traits: BodyTraits) -> float:

@@ -146,9 +146,11 @@ def test_noise_errs_as_it_was_measured_and_little_more():
 
 
 def test_rays_rounding_is_that_of_a_pillar_s_shadow():
-    """0.0055 at 5e-6 radii a pixel, where rays are cast in float64; here at 4e-5, an eighth of it."""
+    """0.0055 at 5e-6 radii a pixel; at 4e-5 an eighth of it; below 1e-5, with coordinates about the camera, half."""
     found = error_model.ray_rounding_error(replace(view(), footprint_m=4e-3), traits())
     assert 0.0055 / 8.0 <= found <= 1.2 * 0.0055 / 8.0
+    near = error_model.ray_rounding_error(replace(view(), footprint_m=1e-9), traits())
+    assert near == pytest.approx(4.0 * found)
 
 
 def test_cells_of_a_small_body_err_as_their_area():

@@ -20,6 +20,7 @@ from glrender.emission.layers import Layers
 from glrender.engines.rays.backend import RayTracer
 from glrender.engines.rays.exact_rays import ExactMesh
 from glrender.engines.rays.mesh import RayMesh
+from glrender.engines.rays.near_mesh import NearMesh
 from glrender.scene.shape.convex_hull import Hull
 from glrender.view.view import view_bodies
 from glrender_cli.subject import default_state
@@ -312,8 +313,8 @@ def test_float64_rays_meet_what_float32_rays_meet(rng):
     needed_module("embreex", "pip install embreex")
     shape = generate.three_lobes(radius_m=100.0, subdivisions=4)
     mesh = RayMesh(shape.vertices_m, shape.facets)
-    fine = mesh.at(0.0)
-    assert fine is not mesh and mesh.at(1.0) is mesh and fine is mesh.at(0.0)
+    # All facets are near, and so near that they stay float64.
+    fine = NearMesh(mesh, np.array([0.0, 0.0, 110.0]), 1e4, 1e9)
     start = rng.normal(size=(3, 2000))
     start *= 300.0 / np.linalg.norm(start, axis=0)
     aim = rng.uniform(-80.0, 80.0, (3, 2000)) - start
@@ -334,8 +335,9 @@ def test_float64_rays_leave_no_gap(rng):
     """At corners and along edges of a sphere, from near and from 1e8 radii."""
     needed_module("embreex", "pip install embreex")
     shape = generate.icosphere(radius_m=1.0, subdivisions=3)
-    fine = RayMesh(shape.vertices_m, shape.facets).at(0.0)
+    mesh = RayMesh(shape.vertices_m, shape.facets)
     for range_m in (3.0, 1e4, 1e8):
+        fine = NearMesh(mesh, np.array([0.36, -0.48, 0.8]) * range_m, 2.0 * range_m, 1e12)
         place = np.array([0.36, -0.48, 0.8]) * range_m
         corner = shape.vertices_m[shape.facets]
         share = rng.uniform(0.0, 1.0, (len(corner), 1))

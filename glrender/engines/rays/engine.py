@@ -7,7 +7,8 @@ the OpenGL passes.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+import threading
+from collections.abc import Callable, Iterable
 from functools import partial
 from typing import Any
 
@@ -16,17 +17,17 @@ from glrender_camera import PinholeCamera, threads
 
 from ...base.rotations import sun_from_body
 from ...scene.scene import Body, Scene
+from ...scene.shape.facet_blocks import FacetBlocks
 from ...scene.surface import Surface
-from ...view.view import BodyView, between
+from ...view.view import FINE_FOOTPRINT, BodyView, between
 from .exact_loops import ALL_SIDES, FACING, TURNED
 from .mesh import ANY_REACH, LEAST_LIFT, LIFT, Hits, RayMesh, dot
+from .near_mesh import NearMesh
 
 RAYS_AT_ONCE = 1 << 13
 """Most rays of a part, which one thread casts: what it needs stays in a core's cache."""
 # Places of a lattice at once, of some 80 bytes.
 _PLACES_AT_ONCE = 1 << 19
-# Radii from a body within which rays that pass it must be as exact as those that meet it.
-_NEAR = 3.0
 # Roberts' sequence, and the factor of a congruential generator.
 _R2, _FACTOR = np.array([0.7548776662466927, 0.5698402909980532]), 1664525
 
@@ -57,6 +58,8 @@ class RayEngine:
     def __init__(self, scene: Scene):
         self.scene = scene
         self._solids = {body.name: _Solid(body) for body in scene.bodies}
+        self._near: dict[str, NearMesh] = {}
+        self._lock = threading.Lock()
 
     def solid(self, name: str) -> RayMesh:
         """A body's full shape."""
@@ -65,6 +68,7 @@ class RayEngine:
     def close(self) -> None:
         """Release the acceleration structures."""
         self._solids.clear()
+        self._near.clear()
 
     def irradiance(self, pixel: np.ndarray, camera: PinholeCamera, views: list[BodyView],
                    draw: np.ndarray | int = 0) -> np.ndarray:
@@ -129,12 +133,12 @@ class RayEngine:
     def _are_free(self, r_body_m: np.ndarray, facet: np.ndarray, view: BodyView, views: list[BodyView],
                   is_asked: np.ndarray, is_open: np.ndarray | None, place_m: np.ndarray | None,
                   to_sun: np.ndarray | None = None) -> np.ndarray:
-        asked, own, is_free = np.flatnonzero(is_asked), self._mesh(view, views), np.zeros(len(facet), bool)
+        asked, own, is_free = np.flatnonzero(is_asked), self._mesh(view), np.zeros(len(facet), bool)
 
         def ask(part: slice) -> None:
             some = asked[part]
             start, number = r_body_m.take(some, axis=1), facet.take(some)
-            above = start + own.lift_m(number, LIFT) * own.normals.take(number, axis=0).T
+            above = start + own.lift_m(start, number, LIFT) * own.normals.take(number, axis=0).T
             towards, reach_m = view.sun_direction_body if to_sun is None else to_sun.take(some, axis=1), ANY_REACH
             sides = ALL_SIDES
             if place_m is not None:
@@ -151,12 +155,12 @@ class RayEngine:
     def shade_ranges(self, r_body_m: np.ndarray, facet: np.ndarray, view: BodyView, views: list[BodyView]
                      ) -> np.ndarray:
         """Distances (N,) [m] from points (3, N) [m] of a body's facets (N,) to what hides the Sun, or infinity."""
-        found, own = np.full(len(facet), np.inf), self._mesh(view, views)
-        above = r_body_m + own.lift_m(facet, LIFT) * own.normals.T.take(facet, axis=1)
+        found, own = np.full(len(facet), np.inf), self._mesh(view)
+        above = r_body_m + own.lift_m(r_body_m, facet, LIFT) * own.normals.T.take(facet, axis=1)
         for other in views:
             turn, shift_m = between(view, other)
             towards = np.broadcast_to((turn @ view.sun_direction_body)[:, None], above.shape)
-            solid, start = (own, above) if other is view else (self._mesh(other, views), r_body_m)
+            solid, start = (own, above) if other is view else (self._mesh(other), r_body_m)
             hits = solid.first(turn @ start + shift_m[:, None], towards)
             found[hits.place] = np.minimum(found[hits.place], hits.distance_m)
         return found
@@ -227,14 +231,14 @@ class RayEngine:
         chosen = np.flatnonzero(dot(hits.normal, to_sun) > 0.0)
         facing, to_sun = hits.at(chosen), to_sun if on_disc is None else to_sun.take(chosen, axis=1)
         r_body = _points(facing, view)
-        above = self._mesh(view, views).raised(r_body, facing.facet, facing.normal, LEAST_LIFT)
+        above = self._mesh(view).raised(r_body, facing.facet, facing.normal, LEAST_LIFT)
         return facing, r_body, to_sun, self._has_free_line(r_body, above, to_sun, view, views)
 
     def _first(self, ray_camera: np.ndarray, views: Iterable[BodyView]) -> list[tuple[int, Hits]]:
         """First hits of rays (3, N) from the camera: those of each body, by its number, that no other body hides."""
         views = list(views)
-        met = [(index, self._mesh(view, views).first(view.r_camera_body_m, view.camera_from_body.T @ ray_camera,
-                                                     FACING)) for index, view in enumerate(views) if view.is_visible]
+        met = [(index, self._mesh(view).first(view.r_camera_body_m, view.camera_from_body.T @ ray_camera, FACING))
+               for index, view in enumerate(views) if view.is_visible]
         if len(met) < 2:
             return met
         nearest, body = np.full(ray_camera.shape[1], np.inf), np.full(ray_camera.shape[1], -1)
@@ -244,16 +248,18 @@ class RayEngine:
             nearest[place], body[place] = hits.distance_m[nearer], index
         return [(index, hits.at(np.flatnonzero(body[hits.place] == index))) for index, hits in met]
 
-    def _mesh(self, view: BodyView, views: Sequence[BodyView]) -> RayMesh:
-        """A body's full shape, for pixels that see it."""
-        return self._solids[view.name].at(self._footprint_m(view, views))
-
-    def _footprint_m(self, view: BodyView, views: Sequence[BodyView]) -> float:
-        """Side [m] of the least that a pixel sees of a body, or of another that is near it."""
-        near_m = _NEAR * self._solids[view.name].radius_m
-        return min((other.footprint_m for other in views if other.is_visible and (
-            other is view or np.linalg.norm(between(other, view)[1]) < near_m + self._solids[other.name].radius_m)),
-            default=math.inf)
+    def _mesh(self, view: BodyView) -> RayMesh:
+        """A body's full shape, for a camera so near that its own float32 coordinates may be too coarse for pixels."""
+        solid = self._solids[view.name]
+        if view.footprint_m > FINE_FOOTPRINT * solid.radius_m:
+            return solid
+        focal_length_px = view.depth_m[0] / view.footprint_m
+        place_m, reach_m = view.r_camera_body_m, FINE_FOOTPRINT * solid.radius_m * focal_length_px
+        with self._lock:
+            near = self._near.get(view.name)
+            if near is None or not near.serves(place_m, reach_m):
+                near = self._near[view.name] = NearMesh(solid, place_m, reach_m, focal_length_px)
+            return near
 
     def _has_free_line(self, start: np.ndarray, above: np.ndarray, towards: np.ndarray, view: BodyView,
                        views: list[BodyView], reach_m: np.ndarray = ANY_REACH, is_open: np.ndarray | None = None,
@@ -273,7 +279,7 @@ class RayEngine:
                 direction = towards.take(rest, axis=1)
             if not is_own:
                 place, direction = rotation @ place + offset[:, None], rotation @ direction
-            is_free[rest] = ~self._mesh(other, views).blocks(
+            is_free[rest] = ~self._mesh(other).blocks(
                 place.T, direction.T, reach_m if len(reach_m) == 1 else reach_m.take(rest), sides)
         return is_free
 
@@ -288,6 +294,10 @@ class _Solid(RayMesh):
         self.surface = Surface(body)
         self.needs_weights = body.smooth_normals or body.albedo_map is not None
         self.is_uneven = self.needs_weights or body.relief is not None
+
+    @property
+    def facet_blocks(self) -> FacetBlocks:
+        return self.surface.body.hull.blocks
 
 
 def _points(hits: Hits, view: BodyView) -> np.ndarray:

@@ -5,18 +5,16 @@ Vectors stand in columns (3, N) here: NumPy then reads memory in order, several 
 
 from __future__ import annotations
 
-import threading
 from dataclasses import dataclass, fields
 from functools import cached_property
 
 import numpy as np
 
 from ...base.errors import DeviceError
+from ...scene.shape.facet_blocks import FacetBlocks
 from ...scene.shape.shape import longest_sides_m
-from ...view.view import FINE_FOOTPRINT
 from .embree import EmbreeMesh
 from .exact_loops import ALL_SIDES
-from .exact_rays import ExactMesh
 
 try:
     from . import loops as ray_loops
@@ -31,10 +29,7 @@ LEAST_LIFT = 2e-7
 """One from where a ray of an image met a facet, the same: what starts higher sees over the foot of what rises."""
 # Error of float32 off a facet [1]: times its longest side, and the ratio of that side to the facet's height; at most
 # the second number, in radii, as thinner gaps hold no light.
-_UNSURE, _MOST_UNSURE = 6e-8, 2e-5
-# What is left there of all that rays start off facets: of 2^-29, by which float64 is finer, 2^7 is for what rounding
-# adds up.
-_FINE = 2.0**-22
+_UNSURE, MOST_UNSURE = 6e-8, 2e-5
 ANY_REACH = np.array([np.inf])
 """The reach of rays that end nowhere [m]."""
 
@@ -102,27 +97,24 @@ class RayMesh:
         normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         twice_area_m2 = np.linalg.norm(normals, axis=1, keepdims=True)
         normals /= twice_area_m2
-        self._unsure_m = np.minimum(_UNSURE * longest_sides_m(vertices_m, facets)**3 / twice_area_m2[:, 0],
-                                    _MOST_UNSURE * self.radius_m)
+        self.unsure_m = np.minimum(_UNSURE * longest_sides_m(vertices_m, facets)**3 / twice_area_m2[:, 0],
+                                   MOST_UNSURE * self.radius_m)
         self.normals = normals
         self.offset_m = dot(normals.T, corners[:, 0].T)
         self._mesh = EmbreeMesh(vertices_m / self.radius_m, facets, has_backs)
-        self.vertices_m, self._lock = vertices_m, threading.Lock()
-
-    def at(self, footprint_m: float) -> RayMesh:
-        """The same shape for pixels that see so much: of float64 rays where float32 is too coarse for them."""
-        if footprint_m > FINE_FOOTPRINT * self.radius_m:
-            return self
-        with self._lock:
-            return self._fine
+        self.vertices_m = vertices_m
 
     @cached_property
-    def _fine(self) -> RayMesh:
-        return _FineMesh(self)
+    def facet_blocks(self) -> FacetBlocks:
+        """Boxes around its facets."""
+        return FacetBlocks(self.vertices_m, self.facets)
 
-    def lift_m(self, facet: np.ndarray, least: float) -> np.ndarray:
-        """Distances (N,) [m] off facets (N,) at which rays start: a least, in radii, and float32's error there."""
-        return least * self.radius_m + self._unsure_m.take(facet)
+    def lift_m(self, r_body_m: np.ndarray, facet: np.ndarray, least: float) -> np.ndarray:
+        """Distances (N,) [m] off facets (N,) at which rays start from points (3, N) [m] of them.
+
+        A least, in radii, and float32's error there.
+        """
+        return least * self.radius_m + self.unsure_m.take(facet)
 
     def raised(self, r_body_m: np.ndarray, facet: np.ndarray, normal: np.ndarray, least: float) -> np.ndarray:
         """Points (3, N) [m] of facets (N,) as far off their planes as `lift_m` has it.
@@ -130,7 +122,7 @@ class RayMesh:
         However far the points' own rounding, which is that of the range, has put them off.
         """
         height_m = dot(normal, r_body_m) - self.offset_m.take(facet)
-        return r_body_m + normal * (self.lift_m(facet, least) - height_m)
+        return r_body_m + normal * (self.lift_m(r_body_m, facet, least) - height_m)
 
     def first(self, origin_m: np.ndarray, ray: np.ndarray, sides: int = ALL_SIDES) -> Hits:
         """First hits of rays (3, N) from a point (3,) [m], or from points (3, N), on facets of some sides."""
@@ -155,30 +147,3 @@ class RayMesh:
         """Write how high the shape stands around points (3, N) [m] of its surface: `ray_loops.find_heights`."""
         ray_loops.find_heights(self._mesh.scene, self.radius_m, points_m, normals, axes, LIFT * self.radius_m,
                                  azimuths, unknown, found)
-
-
-class _FineMesh(RayMesh):
-    """Casts the rays of a RayMesh in float64."""
-
-    def __init__(self, coarse: RayMesh):
-        self.facets, self.radius_m, self.normals = coarse.facets, coarse.radius_m, coarse.normals
-        self.offset_m, self.vertices_m = coarse.offset_m, coarse.vertices_m
-        self._unsure_m = _FINE * coarse._unsure_m
-        self.has_backs = coarse.has_backs
-        self._exact = ExactMesh(coarse.vertices_m, coarse.facets)
-
-    def at(self, footprint_m: float) -> RayMesh:
-        return self
-
-    def lift_m(self, facet: np.ndarray, least: float) -> np.ndarray:
-        return super().lift_m(facet, _FINE * least)
-
-    def first(self, origin_m: np.ndarray, ray: np.ndarray, sides: int = ALL_SIDES) -> Hits:
-        place, facet, distance_m = self._exact.first(origin_m.reshape(3, -1), ray, self.has_backs * sides)
-        return Hits(place=place, facet=facet, distance_m=distance_m, ray=ray.take(place, axis=1),
-                    normal=self.normals.T.take(facet, axis=1))
-
-    def blocks(self, start_m: np.ndarray, direction: np.ndarray, reach_m: np.ndarray = ANY_REACH,
-               sides: int = ALL_SIDES) -> np.ndarray:
-        return self._exact.are_blocked(start_m.T, np.transpose(direction).reshape(3, -1), reach_m,
-                                       self.has_backs * sides)

@@ -10,7 +10,7 @@ from glrender_camera.validate import name_of, position
 
 from ...base.errors import ConfigError, error_path
 from ...scene.scene import Scene
-from ...scene.shape.convex_hull import surface_distance_m
+from ...scene.shape.facet_blocks import FacetBlocks
 from .state_files import csv_rows
 
 _COLUMNS = ("name", "r_x_m", "r_y_m", "r_z_m")
@@ -46,8 +46,11 @@ def off_surface(scene: Scene, keypoints: Mapping[str, Mapping[str, np.ndarray]])
     """A warning of each keypoint that is off its body's surface."""
     warnings = []
     for body in scene.bodies:
-        for name, place in keypoints.get(body.name, {}).items():
-            distance = surface_distance_m(body.shape.vertices_m, body.shape.facets, np.asarray(place, float))
+        if not (places := keypoints.get(body.name, {})):
+            continue
+        blocks = FacetBlocks(body.shape.vertices_m, body.shape.facets)
+        for name, place in places.items():
+            distance = blocks.distance_m(np.asarray(place, float))
             if distance > _OFF_SURFACE * body.hull.radius_m:
                 warnings.append(f"keypoint {name!r} is {distance:.3g} m off the surface of {body.name!r}: labels say "
                                 "that it is seen where the line to it is free; is it in metres, in the body's frame?")

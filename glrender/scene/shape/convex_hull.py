@@ -13,6 +13,7 @@ from scipy.spatial import ConvexHull, QhullError
 from ...base.errors import ShapeError
 from ...base.rotations import evenly_spread
 from .convexity import bends_outwards
+from .facet_blocks import FacetBlocks
 
 # An outline or volume this close to the hull's is convex to float32 round-off of a shape file.
 _CONVEX_VOLUME_RTOL = 1e-6
@@ -97,7 +98,7 @@ class Hull:
         """Radius [m] of the largest sphere about the origin that is within the surface; 0 where the origin is not."""
         if self.inner_radius_m <= 0.0 or self.is_outside(np.zeros(3)):
             return 0.0
-        return self.inner_radius_m if self.is_convex else surface_distance_m(*self._corners, np.zeros(3))
+        return self.inner_radius_m if self.is_convex else self.blocks.distance_m(np.zeros(3))
 
     def distance_m(self, point_m: np.ndarray) -> float:
         """A lower bound [m], > 0, of the distance from a point outside to the surface; exact in and near the hull."""
@@ -105,7 +106,12 @@ class Hull:
         # Close to the hull the surface may be far behind it.
         if distance > (0.0 if self.is_convex else _CLOSE * self.radius_m):
             return distance
-        return surface_distance_m(*self._corners, point_m)
+        return self.blocks.distance_m(point_m)
+
+    @cached_property
+    def blocks(self) -> FacetBlocks:
+        """Boxes around the surface's facets."""
+        return FacetBlocks(*self._corners)
 
     def is_met(self, point_m: np.ndarray, directions: np.ndarray) -> np.ndarray:
         """Whether rays from a point (3,) [m] along directions (N, 3) meet the hull: (N,) bool."""
@@ -140,26 +146,3 @@ def winding_number(vertices_m: np.ndarray, facets: np.ndarray, point_m: np.ndarr
     dot = lambda x, y: np.einsum("ij,ij->i", x, y)  # noqa: E731
     denominator = la * lb * lc + dot(a, b) * lc + dot(b, c) * la + dot(c, a) * lb
     return float(np.arctan2(numerator, denominator).sum() / (2.0 * np.pi))
-
-
-def surface_distance_m(vertices_m: np.ndarray, facets: np.ndarray, point_m: np.ndarray) -> float:
-    """Distance [m] from a point to the nearest point of any facet."""
-    to_vertex = np.linalg.norm(vertices_m - point_m, axis=1)
-    nearest_vertex = float(to_vertex.min())
-    corners = to_vertex[facets]
-    a, b, c = (vertices_m[facets[:, k]] for k in range(3))
-    edge = np.maximum(np.linalg.norm(a - b, axis=1), np.linalg.norm(a - c, axis=1))
-    # No point of a facet is nearer than its corner `a` less its longest edge from there.
-    near = np.flatnonzero(corners[:, 0] - edge <= nearest_vertex)
-    a, u, v = a[near], (b - a)[near], (c - a)[near]
-    w = point_m - a
-    uu, uv, vv = (np.einsum("ij,ij->i", *pair) for pair in ((u, u), (u, v), (v, v)))
-    wu, wv = np.einsum("ij,ij->i", w, u), np.einsum("ij,ij->i", w, v)
-    determinant = np.maximum(uu * vv - uv * uv, np.finfo(float).tiny)
-    s, t = (vv * wu - uv * wv) / determinant, (uu * wv - uv * wu) / determinant
-    inside = (s >= 0.0) & (t >= 0.0) & (s + t <= 1.0)
-    candidates = [np.where(inside, np.linalg.norm(w - s[:, None] * u - t[:, None] * v, axis=1), np.inf)]
-    for start, direction in ((w, u), (w, v), (w - u, v - u)):
-        along = np.einsum("ij,ij->i", start, direction) / np.einsum("ij,ij->i", direction, direction)
-        candidates.append(np.linalg.norm(start - np.clip(along, 0.0, 1.0)[:, None] * direction, axis=1))
-    return float(min(candidate.min() for candidate in candidates))

@@ -213,8 +213,8 @@ def test_no_facet_of_a_convex_shape_hides_itself_or_another(vertices_m, facets, 
         aside -= np.einsum("ij,ij->i", aside, normal)[:, None] * normal
         aside /= np.linalg.norm(aside, axis=1)[:, None]
         height = np.radians(rng.choice([1.0, 3.0, 30.0], n))[:, None]
-        lift_m = mesh.lift_m(facet, LEAST_LIFT)[:, None]
-        start_m = np.einsum("ijk,ij->ik", corners_m[facets[facet]], share) + lift_m * normal
+        start_m = np.einsum("ijk,ij->ik", corners_m[facets[facet]], share)
+        start_m += mesh.lift_m(start_m.T, facet, LEAST_LIFT)[:, None] * normal
         assert mesh.blocks(start_m, np.cos(height) * aside + np.sin(height) * normal).mean() < 1e-4
 
 
