@@ -25,6 +25,7 @@ from .engines.plugin_checks import try_twin
 from .engines.prepared_body import PreparedBody
 from .engines.raster.gl.context import Context
 from .engines.raster.gl.evaluate import BrdfEvaluator
+from .engines.raster.gl.targets import DEPTH_BYTES
 from .engines.raster.meshes import body_mesh, body_traits
 from .engines.raster.product_pass import ProductPass
 from .engines.raster.shadow_maps import Shadows
@@ -179,9 +180,15 @@ class Renderer:
         if wanted:
             arrays = self._drawn_products(wanted, plan, frame, drawn)
             clock.lap("products")
-        return Image(irradiance_W_m2=irradiance, products=arrays, small_bodies=drawn.small_bodies,
-                     plan=replace(made, milliseconds=sum(clock.laps_ms.values())), timings_ms=clock.laps_ms,
-                     request=(self.scene, state, request.camera))
+        made = replace(made, milliseconds=sum(clock.laps_ms.values()), memory_bytes=self._added_bytes(frame))
+        return Image(irradiance_W_m2=irradiance, products=arrays, small_bodies=drawn.small_bodies, plan=made,
+                     timings_ms=clock.laps_ms, request=(self.scene, state, request.camera))
+
+    def _added_bytes(self, frame: Frame) -> dict[str, int]:
+        """Memory [byte] that a frame takes beyond what opening took."""
+        texels = sum(across * down for across, down in (body.shadow_map_drawn_px for body in frame.bodies))
+        return {"near_facets": 0 if self._rays is None else self._rays.near_bytes(frame.views),
+                "shadow_maps": DEPTH_BYTES * texels}
 
     def _request(self, camera: str | PinholeCamera | None, max_error: float | Mapping[str, float] | None,
                  samples: int | None, engine: str | None, use: ImageUse) -> Request:

@@ -31,6 +31,7 @@ from .raster.gl.targets import Target
 from .raster.lens_samples import Bounds, lens_samples
 from .raster.surface_pass import Frame, SurfacePass
 from .rays.engine import RayEngine, draws
+from .shadow_check import ShadowCheck
 from .small_bodies import SmallBody, add_by_area
 
 # Samples drawn at once: 16 Mi samples of float32 and depth are 128 MiB.
@@ -174,8 +175,11 @@ class IrradiancePass:
             most = max(math.isqrt(2 * MOST_FIRST_SAMPLES // n_facing), 2)
             count = max(min(window.samples, most), min(int(math.sqrt(_FIRST_RAYS / n_facing)), MAX_SAMPLES))
             window = replace(window, samples=count, grid=((x1 - x0) * count, (y1 - y0) * count))
+        beside = None
         if window.engine == "raster":
             window = replace(window, shadow_share=_shadow_share(window, frame))
+            if self._rays is not None and ShadowCheck.is_needed(window, frame):
+                beside = ShadowCheck(self._rays, window, frame)
         draw = partial(self._draw_tile, window, frame, clock)
         is_eclipsed = window.eclipse_px > 0.0
         variance = np.zeros_like(mean) if is_eclipsed else None
@@ -194,6 +198,8 @@ class IrradiancePass:
             mask = None if facing is None else facing[tile]
             samples = draw(tile, window.samples, mask)
             mean[tile], error[tile] = pixel_errors(samples, window.samples, gain, dark)
+            if beside is not None:
+                beside.look(tile, samples)
             if is_eclipsed:
                 bare = sum(self._draw_tile(window, replace(frame, views=[view]), clock, tile, window.samples, mask)
                            for view in group.views)
@@ -205,6 +211,8 @@ class IrradiancePass:
         now = frame_error(mean, error)
         # Edges of shadows lie where the map's texels put them, however many samples see them.
         edges = now * window.samples**(0.5 * power) * math.sqrt(window.shadow_share)
+        if beside is not None:
+            edges = beside.error
         floor = math.hypot(window.modelling_error, edges)
         left = window.budget.left_after(floor)
         most = MAX_RAYS_ACROSS / max(view.size_px for view in group.views) if window.engine == "rays" else 0.0

@@ -42,7 +42,7 @@ class PreparedBody:
     def memory_bytes(self) -> dict[str, int]:
         """Memory [byte] of the shape's arrays, and of those of each engine.
 
-        Embree's trees, float64 rays of views from very near, shadow maps and tables of surface detail are not counted.
+        Embree's trees and tables of surface detail are not counted; of what frames add `RenderPlan.memory_bytes` says.
         """
         shape = self.body.drawn_shape
         shared = {id(shape.vertices_m), id(shape.facets)}

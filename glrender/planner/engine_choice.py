@@ -33,6 +33,9 @@ MOST_FIRST_SAMPLES = 2**20
 four times as many samples take less."""
 FEWEST_FACETS_FOR_RAYS = 100_000
 """Facets from which that holds: fewer cost coverage no more than the rays that a flux asks for, by the same cells."""
+FACETS_PER_PX_BY_RAYS = 2.0
+"""Facets over pixels of the image, of ground that reaches behind the camera, from which rays are cheaper than OpenGL,
+which draws every facet: at 500,000 of 512 x 512 px they cost the same (benchmarks/descent.py)."""
 # Side [px] of an outline below which a body has a grid of its own.
 _SMALL_PX = 4.0
 # Side [px] of an outline up to which the samples must hold the flux as well: larger bodies have enough for the image.
@@ -101,6 +104,9 @@ def ways_to_draw(group: Group, bodies: Sequence[Seen], plans: Sequence[BodyPlan]
     elif is_crowded:
         options = [*rays, *coverage, *([] if rays else raster)]
         why = f"more than {MOST_FACETS_PER_PX:g} facets that face Sun and camera share a pixel"
+    elif rays and _is_dense(part):
+        options = rays
+        why = f"more than {FACETS_PER_PX_BY_RAYS:g} facets for each pixel of the image, all of which OpenGL would draw"
     elif coverage:
         options, why = [*coverage, *rays], "evenly bright facets that are all before the camera"
     else:
@@ -206,6 +212,13 @@ def _is_crowded(bodies: Sequence[Seen]) -> bool:
     n_px = sum(0.6 * min(body.view.size_px, 1e5) ** 2 for body in bodies)
     return (n_facing > MOST_FACETS_PER_PX * n_px
             and sum(body.traits.n_facets for body in bodies) >= FEWEST_FACETS_FOR_RAYS)
+
+
+def _is_dense(part: _Part) -> bool:
+    """Whether bodies that reach behind the camera have so many facets that OpenGL costs more than rays."""
+    x0, y0, x1, y1 = part.group.roi
+    most = max(FACETS_PER_PX_BY_RAYS * (x1 - x0) * (y1 - y0), FEWEST_FACETS_FOR_RAYS)
+    return part.group.outline is None and sum(body.traits.n_facets for body in part.bodies) > most
 
 
 def _coverage(part: _Part) -> list[WindowPlan]:

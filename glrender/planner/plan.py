@@ -191,6 +191,9 @@ class RenderPlan:
         What plug-ins added to it.
     milliseconds : float [ms]
         What the frame took.
+    memory_bytes : mapping of str to int [byte]
+        What the frame took beyond the memory that the renderer opened with: `near_facets`, which rays meet about the
+        camera, without Embree's tree, and `shadow_maps`.
     """
 
     camera: str
@@ -205,6 +208,7 @@ class RenderPlan:
     navigation: Mapping[str, float] = field(default_factory=dict)
     asked: Mapping[str, float] = field(default_factory=dict)
     milliseconds: float = field(default=0.0, compare=False)
+    memory_bytes: Mapping[str, int] = field(default_factory=dict, compare=False)
 
     def __post_init__(self):
         if not self.asked:

@@ -88,7 +88,9 @@ class Tracer:
             to_sun = self._sun[self._owner[f]]
             lit = np.flatnonzero((np.einsum("ij,ij->i", n, to_sun) > 0.0)
                                  & (np.einsum("ij,ij->i", n, d) < 0.0))
-            start = (point + n * (1e-7 * distance[:, None]))[lit] / scale
+            # Float32 about the camera puts a facet off by its farthest corner's rounding.
+            lift = 1e-7 * np.abs(self._corners[f]).max(axis=(1, 2))
+            start = (point + n * lift[:, None])[lit] / scale
             lit = lit[_first_hit(scene, start, to_sun[lit]) < 0]
             value = np.zeros(len(hit))
             for index, (*_, law) in enumerate(self._bodies):

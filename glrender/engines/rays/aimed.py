@@ -251,7 +251,7 @@ class _FacingFacets:
         view, facet = self._view, self.facet[which]
         a, b, c = (self._solid.vertices_m[corner[which]].T for corner in self._corner)
         u, v = np.where(turn[0] + turn[1] > 1.0, 1.0 - turn[:2], turn[:2])
-        r_body_m, normal = a + u * (b - a) + v * (c - a), self._solid.normals.T.take(facet, axis=1)
+        r_body_m, normal = a + u * (b - a) + v * (c - a), self._solid.normals.take(facet, axis=0).T
         to_sun = np.broadcast_to(view.sun_direction_body[:, None], r_body_m.shape)
         if self._sun_radius_rad:
             root, angle = np.sqrt(turn[2]), 2.0 * np.pi * turn[3]

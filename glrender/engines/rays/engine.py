@@ -65,20 +65,25 @@ class RayEngine:
         """A body's full shape."""
         return self._solids[name]
 
+    def near_bytes(self, views: Iterable[BodyView]) -> int:
+        """Memory [byte] of the facets near a frame's camera: `NearMesh.memory_bytes`."""
+        nears = [(view, self._near.get(view.name)) for view in views]
+        return sum(near.memory_bytes for view, near in nears if near is not None and near.is_at(view.r_camera_body_m))
+
     def close(self) -> None:
         """Release the acceleration structures."""
         self._solids.clear()
         self._near.clear()
 
     def irradiance(self, pixel: np.ndarray, camera: PinholeCamera, views: list[BodyView],
-                   draw: np.ndarray | int = 0) -> np.ndarray:
+                   draw: np.ndarray | int | None = 0) -> np.ndarray:
         """Irradiance (N,) float64 [W/m2 per pixel] of places in the image (N, 2) [px].
 
         If the scene's Sun has a disc, each place is lit by one of its points, the `draw`-th (N,) of the
-        pixel: the mean of a pixel's draws 0, 1, 2, ... has penumbras.
+        pixel: the mean of a pixel's draws 0, 1, 2, ... has penumbras. Without a draw the Sun's middle lights all.
         """
         value = np.zeros(len(pixel))
-        draws = np.broadcast_to(draw, len(pixel)) if self.scene.sun_disc else None
+        draws = np.broadcast_to(draw, len(pixel)) if self.scene.sun_disc and draw is not None else None
 
         def trace(part: slice) -> None:
             self._trace(value[part], pixel[part], camera, views, None if draws is None else draws[part])
@@ -100,6 +105,18 @@ class RayEngine:
             draw = draws(np.arange(len(y_px))[rows, None], column, across).ravel()
             value[rows] = self.irradiance(pixel, camera, views, draw).reshape(-1, len(x_px))
         return value
+
+    def are_lit(self, pixel: np.ndarray, camera: PinholeCamera, views: list[BodyView]) -> np.ndarray:
+        """Whether places in the image (N, 2) [px] show ground in the light of the Sun's middle: (N,) bool."""
+        found = np.zeros(len(pixel), bool)
+
+        def look(part: slice) -> None:
+            for index, hits in self._first(camera.directions(pixel[part]).T, views):
+                facing, *_, is_lit = self._facing(hits, views[index], views)
+                found[part][facing.place] = is_lit & (dot(facing.normal, facing.ray) < 0.0)
+
+        threads.run_in_parts(look, len(pixel), RAYS_AT_ONCE)
+        return found
 
     def ranges(self, pixel: np.ndarray, camera: PinholeCamera, views: Iterable[BodyView]) -> np.ndarray:
         """Distances (N,) float64 [m] of the first surface at places in the image (N, 2) [px], or infinity."""
@@ -156,7 +173,7 @@ class RayEngine:
                      ) -> np.ndarray:
         """Distances (N,) [m] from points (3, N) [m] of a body's facets (N,) to what hides the Sun, or infinity."""
         found, own = np.full(len(facet), np.inf), self._mesh(view)
-        above = r_body_m + own.lift_m(r_body_m, facet, LIFT) * own.normals.T.take(facet, axis=1)
+        above = r_body_m + own.lift_m(r_body_m, facet, LIFT) * own.normals.take(facet, axis=0).T
         for other in views:
             turn, shift_m = between(view, other)
             towards = np.broadcast_to((turn @ view.sun_direction_body)[:, None], above.shape)
@@ -257,7 +274,7 @@ class RayEngine:
         place_m, reach_m = view.r_camera_body_m, FINE_FOOTPRINT * solid.radius_m * focal_length_px
         with self._lock:
             near = self._near.get(view.name)
-            if near is None or not near.serves(place_m, reach_m):
+            if near is None or near.reach_m != reach_m or not near.is_at(place_m):
                 near = self._near[view.name] = NearMesh(solid, place_m, reach_m, focal_length_px)
             return near
 

@@ -1,4 +1,4 @@
-"""Rays in float64 against a shape: laser ranges, and pixels so near that Embree's float32 is too coarse for them."""
+"""Rays in float64 against a shape: laser ranges, and facets so near and so long that float32 is too coarse for them."""
 
 from __future__ import annotations
 

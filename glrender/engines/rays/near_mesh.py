@@ -12,6 +12,8 @@ from .mesh import ANY_REACH, MOST_UNSURE, Hits, RayMesh, dot, ray_loops
 # Reaches up to which rays meet the scene of the near facets, and facets are in it: what starts within the reach is then
 # well off the ground before it goes on among the others, and surfaces that both scenes hold leave no gap.
 _LEAVES, _HELD = 1.25, 1.5
+# Of a facet's corners and their numbers in Embree [byte].
+_CORNER_BYTES = 3 * 12 + 12
 # Most that float32 may put a corner off [px]: of longer facets, and of those nearer, corners stay float64.
 _MOST_OFF_PX = 0.02
 # What is left there of all that rays start off facets: of 2^-29, by which float64 is finer, 2^7 is for what rounding
@@ -30,12 +32,16 @@ class NearMesh(RayMesh):
     reach_m : float [m]
         Within it pixels are too fine for float32 coordinates about the shape's middle.
     focal_length_px : float [px]
+
+    Attributes
+    ----------
+    reach_m : float [m]
     """
 
     def __init__(self, shape: RayMesh, place_m: np.ndarray, reach_m: float, focal_length_px: float):
         self.facets, self.radius_m, self.normals = shape.facets, shape.radius_m, shape.normals
         self.offset_m, self.vertices_m, self.has_backs = shape.offset_m, shape.vertices_m, shape.has_backs
-        self._shape, self._place_m, self._reach_m = shape, place_m, reach_m
+        self._shape, self._place_m, self.reach_m = shape, place_m, reach_m
         self._number, near_m = shape.facet_blocks.within(place_m, _HELD * reach_m)
         corners_m = shape.vertices_m[shape.facets[self._number]] - place_m
         self._far_m = np.sqrt(np.einsum("fcx,fcx->fc", corners_m, corners_m)).max(axis=1, initial=0.0)
@@ -51,13 +57,20 @@ class NearMesh(RayMesh):
         self._near_normals = np.ascontiguousarray(shape.normals[self._number].T)
         self._near_offset_m = dot(self._near_normals, corners_m[:, 0].T)
 
-    def serves(self, place_m: np.ndarray, reach_m: float) -> bool:
-        """Whether it is of such a camera."""
-        return reach_m == self._reach_m and bool((place_m == self._place_m).all())
+    def is_at(self, place_m: np.ndarray) -> bool:
+        """Whether it is of a camera at a place (3,) [m]."""
+        return bool((place_m == self._place_m).all())
+
+    @property
+    def memory_bytes(self) -> int:
+        """Memory [byte] of what a frame's camera adds to the shape: near facets, and boxes; without Embree's tree."""
+        arrays = [self._number, self._far_m, self._near_normals, self._near_offset_m]
+        return (sum(array.nbytes for array in arrays) + _CORNER_BYTES * len(self._number)
+                + self._shape.facet_blocks.memory_bytes)
 
     def lift_m(self, r_body_m: np.ndarray, facet: np.ndarray, least: float) -> np.ndarray:
         found, from_place = self._shape.lift_m(r_body_m, facet, least), r_body_m - self._place_m[:, None]
-        near = np.flatnonzero(dot(from_place, from_place) < self._reach_m**2)
+        near = np.flatnonzero(dot(from_place, from_place) < self.reach_m**2)
         if len(near):
             number = facet.take(near)
             # Points that rounding has put within the reach may be of a facet beyond.
@@ -92,8 +105,10 @@ class NearMesh(RayMesh):
             meet(beyond.take(hits.place), hits.facet, hits.distance_m + along_m.take(hits.place))
         place = np.flatnonzero(facet >= 0)
         number = facet.take(place)
-        return Hits(place=place, facet=number, distance_m=distance_m.take(place),
-                    ray=ray.take(place, axis=1), normal=self.normals.T.take(number, axis=1))
+        # Of the transpose NumPy would copy all to take some.
+        normal = np.ascontiguousarray(self.normals.take(number, axis=0).T)
+        return Hits(place=place, facet=number, distance_m=distance_m.take(place), ray=ray.take(place, axis=1),
+                    normal=normal)
 
     def blocks(self, start_m: np.ndarray, direction: np.ndarray, reach_m: np.ndarray = ANY_REACH,
                sides: int = ALL_SIDES) -> np.ndarray:
@@ -123,7 +138,7 @@ class NearMesh(RayMesh):
         Both are infinite where a ray does not meet it; the first is 0 within it.
         """
         along_m = dot(from_place_m, ray)
-        beyond_m2 = dot(from_place_m, from_place_m) - (_LEAVES * self._reach_m) ** 2
+        beyond_m2 = dot(from_place_m, from_place_m) - (_LEAVES * self.reach_m) ** 2
         square = along_m * along_m - beyond_m2
         root = np.sqrt(np.maximum(square, 0.0))
         leaves_m = root - along_m

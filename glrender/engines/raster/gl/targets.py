@@ -12,6 +12,9 @@ from .context import Context
 from .mesh import Mesh
 from .owner import ResourceOwner
 
+DEPTH_BYTES = 4
+"""Memory [byte] of a texel of a shadow map."""
+
 
 class ShadowMap(ResourceOwner):
     """Depths seen from the Sun.
