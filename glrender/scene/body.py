@@ -88,18 +88,20 @@ class Body:
             object.__setattr__(self, "albedo_map", albedo_map)
 
     @classmethod
-    def from_file(cls, path: str | Path, *, name: str, length_unit: str | float, brdf: Law,
+    def from_file(cls, path: str | Path, *, name: str, brdf: Law, length_unit: str | float | None = None,
                   albedo_texture: str | Path | None = None, albedo_texture_gain: float = 1.0,
                   smooth_normals: bool = False, detail: Detail | None = None, sides: str = "file",
-                  albedo_projection: Mapping[str, Any] | None = None) -> Body:
+                  albedo_projection: Mapping[str, Any] | None = None, surface: int | None = None) -> Body:
         """A body from a shape file.
 
         Parameters
         ----------
         path : path
-            OBJ, PLY, STL, PDS plate model (.tab, .plt), ICQ, binary glTF (.glb) or OFF: docs/shapes.md.
+            OBJ, PLY, STL, PDS plate model (.tab, .plt), ICQ, binary glTF, OFF or SPICE DSK: docs/shapes.md.
         length_unit : "m", "km" or float
-            Length unit of the file; metres per unit when a number.
+            Length unit of the file; metres per unit when a number. A DSK has its own.
+        surface : int, optional
+            SPICE's number of the surface, of a DSK with several.
         albedo_texture : path, optional
             Image whose grey value over its full scale, times `albedo_texture_gain`, scales the albedo.
         sides : {"file", "front", "both"}
@@ -116,9 +118,9 @@ class Body:
             gain = positive("albedo_texture_gain", albedo_texture_gain)
             with error_path("albedo_texture"):
                 albedo_map = read_texture(Path(albedo_texture)) * np.float32(gain)
-        return cls(name=name, shape=Shape.from_file(path, length_unit=length_unit, sides=sides), brdf=brdf,
-                   albedo_map=albedo_map, smooth_normals=smooth_normals, detail=detail,
-                   albedo_projection=albedo_projection)
+        shape = Shape.from_file(path, length_unit=length_unit, sides=sides, surface=surface)
+        return cls(name=name, shape=shape, brdf=brdf, albedo_map=albedo_map, smooth_normals=smooth_normals,
+                   detail=detail, albedo_projection=albedo_projection)
 
     @cached_property
     def hull(self) -> Hull:

@@ -20,10 +20,10 @@ from .detail.config import Detail
 from .plugins.checks import blamed_on, is_foreign, named, try_law
 from .plugins.registry import emissions, laws
 from .shape import generate
-from .shape.shape import SIDES, Shape, metres_per_unit
+from .shape.shape import SIDES, Shape, file_scale
 from .stars import Stars
 
-_BODY_KEYS = ("name", "shape", "generated", "length_unit", "brdf", "albedo_texture", "albedo_texture_gain",
+_BODY_KEYS = ("name", "shape", "generated", "length_unit", "surface", "brdf", "albedo_texture", "albedo_texture_gain",
               "smooth_normals", "detail", "sides", "albedo_projection")
 _CAMERA_KEYS = ("name", "width_px", "height_px", "focal_length_px", "principal_point_px",
                 "q_camera_from_spacecraft", "r_camera_spacecraft_m", "model", "distortion")
@@ -91,13 +91,13 @@ def body(table: Mapping[str, Any], path: str, files: Files) -> Body:
             raise ConfigError(f"{path}.sides", "goes with `shape`, a file", table["sides"], "leave it out")
         shape = _generated(table["generated"], f"{path}.generated")
     else:
-        if "length_unit" not in table:
-            raise ConfigError(f"{path}.length_unit", "missing", hint='shape files carry no unit: "m" or "km"')
+        with error_path(f"{path}.shape"):
+            file = files.path("", table["shape"])
         with error_path(path):
-            length_unit = metres_per_unit(table["length_unit"])
+            scale = file_scale(file, table.get("length_unit"))
             sides = one_of("sides", table.get("sides", "file"), SIDES)
         with error_path(f"{path}.shape"):
-            shape = Shape.from_file(files.path("", table["shape"]), length_unit=length_unit, sides=sides)
+            shape = Shape.from_file(file, length_unit=scale, sides=sides, surface=table.get("surface"))
     if "albedo_texture" in table:
         gain = positive(f"{path}.albedo_texture_gain", table.get("albedo_texture_gain", 1.0))
         with error_path(f"{path}.albedo_texture"):

@@ -17,7 +17,8 @@ from glrender.scenario import RandomStates, Scenario
 from glrender.scenario.epochs import Epoch
 from glrender.scenario.files.scenario_file import scenario_of_table
 from glrender.scene.scene_file import read_toml
-from glrender.scene.shape.shape import metres_per_unit
+from glrender.scene.shape.files import own_unit
+from glrender.scene.shape.shape import file_scale
 from glrender_camera import CameraModel
 from glrender_camera.validate import within
 
@@ -71,7 +72,7 @@ def read_subject(path: Path, unit: str | None) -> Subject:
     if not path.is_file():
         raise ConfigError(str(path), "is no file", hint=_like(path))
     if path.suffix.lower() != ".toml":
-        if unit is None:
+        if unit is None and own_unit(path) is None:
             raise ConfigError("--unit", "missing: shape files carry no unit", hint="--unit km, or --unit m")
         return Subject(path=path, scene=scene_of_shape(path, unit))
     if unit is not None:
@@ -83,7 +84,7 @@ def read_subject(path: Path, unit: str | None) -> Subject:
     return Subject(path=path, scene=Scene.from_dict(table, shape_dir=path.parent, path=path.name))
 
 
-def scene_of_shape(path: Path, unit: str) -> Scene:
+def scene_of_shape(path: Path, unit: str | None) -> Scene:
     """A scene of a shape alone: of Lommel-Seeliger's law, seen by a navigation camera of 1 Mpx.
 
     Raises
@@ -91,7 +92,7 @@ def scene_of_shape(path: Path, unit: str) -> Scene:
     ConfigError, ShapeError
     """
     try:
-        metres = metres_per_unit(float(unit) if is_number(unit) else unit)
+        metres = file_scale(path, float(unit) if unit is not None and is_number(unit) else unit)
     except ConfigError as error:
         error.path = "--unit"
         raise

@@ -169,7 +169,7 @@ def test_the_believed_state_knows_nothing_of_the_true_spacecraft(table):
     ({"bodies": {"itokawa": {"facets": float("nan")}}}, "belief.bodies.itokawa.facets: must be a finite number"),
     ({"bodies": {"itokawa": {"albedo_factor": -1.0}}}, "belief.bodies.itokawa.albedo_factor: must be > 0, got -1.0"),
     ({"bodies": {"itokawa": {"pole_offset_deg": 2.0}}}, "belief.bodies.itokawa.pole_offset_deg: must be 2 numbers"),
-    ({"bodies": {"itokawa": {"shape": "none.obj"}}}, "belief.bodies.itokawa.length_unit: goes with `shape`"),
+    ({"bodies": {"itokawa": {"shape": "none.obj"}}}, "belief.bodies.itokawa.length_unit: missing"),
     ({"bodies": {"itokawa": {"shape": "none.obj", "length_unit": "m"}}}, "belief.bodies.itokawa.shape"),
     ({"cameras": {"navcam": {"focal_length_factor": 0}}}, "belief.cameras.navcam.focal_length_factor: must be > 0"),
     ({"cameras": {"navcam": {"distortion": {"k9": 1.0}}}}, "belief.cameras.navcam.distortion.k9: unknown key"),

@@ -7,7 +7,7 @@ import struct
 import numpy as np
 import pytest
 import trimesh
-from glrender import Shape, ShapeError
+from glrender import Shape, ShapeError, generate
 from glrender.scene.shape.polygons import triangulated
 from scipy.spatial.transform import Rotation
 
@@ -248,3 +248,33 @@ def test_other_formats_are_read_as_trimesh_writes_them(tmp_path, kind):
     report = Shape.from_file(tmp_path / f"cube.{kind}", length_unit="m").report
     assert report.n_facets == 12 and report.is_watertight
     np.testing.assert_allclose(report.volume_m3, 1.0, rtol=1e-6)
+
+
+ROUND = generate.icosphere(radius_m=100.0, subdivisions=1)
+
+
+@pytest.mark.parametrize("exponent", ["D", "d", "E"])
+@pytest.mark.parametrize("is_numbered", [False, True])
+def test_plate_models_may_have_fortran_s_exponents(tmp_path, exponent, is_numbered):
+    """`1.0D-02`, in the first rows, in the last or in all."""
+    rows = [" ".join(f"{x:.9E}".replace("E", exponent) for x in vertex) for vertex in ROUND.vertices_m]
+    if exponent == "d":
+        rows[0] = rows[0].replace("d", "e")
+    plates = [" ".join(map(str, plate)) for plate in ROUND.facets + 1]
+    if is_numbered:
+        rows, plates = ([f"{k + 1} {row}" for k, row in enumerate(each)] for each in (rows, plates))
+    (tmp_path / "a.tab").write_text("\n".join([f"{len(rows)} {len(plates)}", *rows, *plates]) + "\n")
+    found = Shape.from_file(tmp_path / "a.tab", length_unit="m")
+    np.testing.assert_array_equal(found.facets, ROUND.facets)
+    np.testing.assert_allclose(found.vertices_m, ROUND.vertices_m, atol=1e-6)
+
+
+@pytest.mark.parametrize("ending", ["tab", "plt"])
+def test_plate_models_may_have_rows_of_v_and_f(tmp_path, ending):
+    """As Wavefront has them, after comments, with Fortran's exponents."""
+    rows = [f"v {x:.9E} {y:.9E} {z:.9E}".replace("E", "D") for x, y, z in ROUND.vertices_m]
+    rows += [f"f {a} {b} {c}" for a, b, c in ROUND.facets + 1]
+    (tmp_path / f"a.{ending}").write_text("\n".join(["# plates", *rows]) + "\n")
+    found = Shape.from_file(tmp_path / f"a.{ending}", length_unit="m")
+    np.testing.assert_array_equal(found.facets, ROUND.facets)
+    np.testing.assert_allclose(found.vertices_m, ROUND.vertices_m, atol=1e-6)

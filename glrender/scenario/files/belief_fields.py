@@ -11,7 +11,7 @@ from glrender_camera.validate import known_keys, text
 from ...base.errors import ConfigError, error_path
 from ...scene.scene import Scene
 from ...scene.scene_file import read_law
-from ...scene.shape.shape import Shape, metres_per_unit
+from ...scene.shape.shape import Shape, file_scale
 from ..belief.belief import Belief, BodyBelief, CameraBelief, SpacecraftBelief
 from .fields import a_table, made
 
@@ -39,11 +39,14 @@ def read_belief(table: object, scene: Scene, folder: Path) -> Belief:
 def _body(entry: object, folder: Path) -> BodyBelief:
     fields = a_table(entry)
     unit = fields.pop("length_unit", None)
-    if ("shape" in fields) != (unit is not None):
+    if "shape" not in fields and unit is not None:
         raise ConfigError("length_unit", "goes with `shape`, a file", unit, 'shape files carry no unit: "m" or "km"')
     if "shape" in fields:
         with error_path("shape"):
-            fields["shape"] = Shape.from_file(folder / text("", fields["shape"]), length_unit=metres_per_unit(unit))
+            file = folder / text("", fields["shape"])
+        scale = file_scale(file, unit)
+        with error_path("shape"):
+            fields["shape"] = Shape.from_file(file, length_unit=scale)
     if "brdf" in fields:
         fields["brdf"] = read_law(fields["brdf"], "brdf")
     return made(BodyBelief, fields)

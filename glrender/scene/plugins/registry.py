@@ -18,6 +18,7 @@ from ...brdf import GlslText, Law
 API = 1
 """Version of the interfaces in docs/plugins.md: what a plug-in's class must say as `glrender_api`."""
 BRDF_GROUP, BACKEND_GROUP, EMISSION_GROUP = "glrender.brdf", "glrender.backend", "glrender.emission"
+SHAPE_GROUP = "glrender.shape"
 OPENGL_BACKENDS = ("auto", "egl", "osmesa")
 
 
@@ -137,9 +138,16 @@ def emissions() -> Plugins:
     return Plugins(EMISSION_GROUP, _has("from_table", "open"))
 
 
+@cache
+def shape_readers() -> Plugins:
+    """Readers of shape files by their ending without its dot: the group `glrender.shape`."""
+    return Plugins(SHAPE_GROUP, _has("read", "length_unit"))
+
+
 def problems() -> list[PluginError]:
     """Errors of the installed plug-ins, of all groups; each plug-in is loaded."""
-    return [problem for plugins in (laws(), backends(), emissions()) for problem in plugins.problems()]
+    return [problem for plugins in (laws(), backends(), emissions(), shape_readers())
+            for problem in plugins.problems()]
 
 
 def _check_law(name: str, law: Any) -> str | None:

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ...base.errors import ShapeError
+from ..plugins.registry import shape_readers
 from .glb_files import read_glb
 from .off_files import read_off
 from .ply_files import read_ply
@@ -21,6 +22,7 @@ MAX_FACETS = 20_000_000
 _OTHER_SURFACES = ("surf", "curv", "curv2", "cstype", "call", "csh")
 # Numbers of a vertex in OBJ: a place, with a weight, with a colour, with both.
 _VERTEX_WIDTHS = (3, 4, 6, 7)
+_FORTRAN = str.maketrans("dD", "eE")
 # Bytes of a file that no facet count within the limit explains.
 _MAX_BYTES = 4 * 1024**3
 
@@ -50,8 +52,14 @@ class FileMesh:
     is_double_sided: np.ndarray | None = None
 
 
-def read_shape_file(path: Path, max_facets: int) -> FileMesh:
-    """Read a shape file, its polygons cut into triangles.
+def own_unit(path: Path) -> str | None:
+    """The unit of length that a file has by its format's definition; most have none."""
+    reader = shape_readers().get(path.suffix.lower()[1:])
+    return None if reader is None else reader.length_unit
+
+
+def read_shape_file(path: Path, max_facets: int, surface: int | None = None) -> FileMesh:
+    """Read a shape file, its polygons cut into triangles; of a file with several surfaces the one that is chosen.
 
     Raises
     ------
@@ -70,11 +78,18 @@ def read_shape_file(path: Path, max_facets: int) -> FileMesh:
         raise ShapeError("", "is empty", str(path))
     if size > _MAX_BYTES:
         raise ShapeError("", "is larger than 4 GiB", str(path), "decimate it first")
-    reader = _READERS.get(path.suffix.lower())
-    if reader is None:
-        raise ShapeError("", f"must end in one of {', '.join(sorted(_READERS))}", str(path))
+    ending, others = path.suffix.lower(), shape_readers()
+    options = {} if surface is None else {"surface": surface}
+    if ending not in _READERS and ending[1:] not in others:
+        raise ShapeError("", f"must end in one of {', '.join(sorted([*_READERS, *(f'.{name}' for name in others)]))}",
+                         str(path), _WAYS_OUT.get(ending, "export it as one of these"))
     try:
-        return reader(path, max_facets)
+        if ending in _READERS:
+            if options:
+                raise ShapeError("surface", "is a choice among a DSK's surfaces, and this file has none", surface,
+                                 "leave it out")
+            return _READERS[ending](path, max_facets)
+        return others[ending[1:]].read(path, max_facets, **options)
     except ShapeError:
         raise
     except (OSError, MemoryError, OverflowError) as error:
@@ -97,7 +112,11 @@ def _text(path: Path) -> str:
 
 def _numbers(path: Path, rows: list[str], width: int, what: str) -> np.ndarray:
     """(n, width) float64 of text rows; a wrong row is named."""
-    words = " ".join(rows).split()
+    text = " ".join(rows)
+    if "D" in text or "d" in text:
+        # Fortran's exponents: 1.0D-02.
+        text, rows = text.translate(_FORTRAN), [row.translate(_FORTRAN) for row in rows]
+    words = text.split()
     try:
         # Rows too long and too short may add up to the right number.
         if len(words) == width * len(rows) and all(len(row.split()) == width for row in rows):
@@ -116,7 +135,8 @@ def _numbers(path: Path, rows: list[str], width: int, what: str) -> np.ndarray:
     raise ShapeError("", f"has unreadable {what} rows", str(path))
 
 
-def _limit(count: int, max_facets: int, path: Path) -> None:
+def facet_limit(count: int, max_facets: int) -> None:
+    """Refuse a file that has more facets than allowed."""
     if count > max_facets:
         raise ShapeError("", f"has more than {max_facets} facets", count, "decimate it, or raise max_facets")
 
@@ -144,7 +164,7 @@ def _obj(path: Path, max_facets: int) -> FileMesh:
                              line.strip(), "export it as polygons, in one file")
     if not vertex_rows or not faces:
         raise ShapeError("", "has no vertices or no facets", str(path))
-    _limit(len(faces), max_facets, path)
+    facet_limit(len(faces), max_facets)
     if len(" ".join(vertex_rows).split()) > 3 * len(vertex_rows):  # weights or colours follow
         if wrong := next((row for row in vertex_rows if len(row.split()) not in _VERTEX_WIDTHS), None):
             raise ShapeError("", f"has a vertex with {len(wrong.split())} numbers, where a place has 3, 4 with a "
@@ -226,7 +246,7 @@ def _of_polygons(vertices: np.ndarray, corners: np.ndarray, sizes: np.ndarray, m
     few = np.flatnonzero(sizes < 3)
     if len(few):
         raise ShapeError(f"facets[{few[0]}]", "has fewer than 3 corners", int(sizes[few[0]]))
-    _limit(int(sizes.sum()) - 2 * len(sizes), max_facets, path)
+    facet_limit(int(sizes.sum()) - 2 * len(sizes), max_facets)
     try:
         triangles = triangulated(vertices, corners, sizes)
     except ValueError as error:
@@ -235,11 +255,16 @@ def _of_polygons(vertices: np.ndarray, corners: np.ndarray, sizes: np.ndarray, m
 
 
 def _plate_model(path: Path, max_facets: int) -> FileMesh:
-    """PDS plate model: a count line, vertices, a count line, plates from 1; index columns optional."""
+    """PDS plate model: a count line, vertices, a count line, plates from 1; index columns optional.
+
+    Or rows of `v` and `f`, as Wavefront has them.
+    """
     rows = [line.replace(",", " ") for line in _lines(path) if line.strip() and not line.lstrip().startswith("#")]
     if not rows:
         raise ShapeError("", "has no lines but comments", str(path))
     head = rows[0].split()
+    if head[0] in ("v", "f"):
+        return _obj(path, max_facets)
     try:
         counts = [int(word) for word in head]
         if len(counts) == 2:
@@ -251,8 +276,9 @@ def _plate_model(path: Path, max_facets: int) -> FileMesh:
         else:
             raise ValueError
     except (ValueError, IndexError):
-        raise ShapeError("", "is no plate model: it must begin with the number of vertices", rows[0].strip()) from None
-    _limit(n_plates, max_facets, path)
+        raise ShapeError("", "is no plate model: it must begin with the number of vertices, or have rows of v and f",
+                         rows[0].strip()) from None
+    facet_limit(n_plates, max_facets)
     vertex_rows, plate_rows = rows[start:start + n_vertices], rows[plates_at:plates_at + n_plates]
     if len(vertex_rows) != n_vertices or len(plate_rows) != n_plates or not n_vertices or not n_plates:
         raise ShapeError("", f"promises {n_vertices} vertices and {n_plates} plates and ends before",
@@ -283,7 +309,7 @@ def _icq(path: Path, max_facets: int) -> FileMesh:
         q = int(rows[0].split()[0])
     except ValueError:
         raise ShapeError("", "is no ICQ file: it must begin with q", rows[0].strip()) from None
-    _limit(12 * q * q, max_facets, path)
+    facet_limit(12 * q * q, max_facets)
     side = q + 1
     if q < 1 or len(rows) < 1 + 6 * side * side:
         raise ShapeError("", f"promises 6 ({q} + 1)^2 vertices and ends before", len(rows) - 1)
@@ -300,7 +326,7 @@ def _icq(path: Path, max_facets: int) -> FileMesh:
 
 def _glb(path: Path, max_facets: int) -> FileMesh:
     vertices, facets, is_double_sided = read_glb(path, max_facets)
-    _limit(len(facets), max_facets, path)
+    facet_limit(len(facets), max_facets)
     return FileMesh(vertices, facets, is_double_sided=is_double_sided)
 
 
@@ -311,6 +337,8 @@ def _off(path: Path, max_facets: int) -> FileMesh:
     return _of_polygons(vertices, corners, sizes, max_facets, path)
 
 
+_MAP = "it is a map of heights and no shape: make a mesh of it first"
+_WAYS_OUT = {".gltf": "export it as .glb, which has all in one file", ".tif": _MAP, ".tiff": _MAP, ".img": _MAP}
 _READERS: dict[str, Callable[[Path, int], FileMesh]] = {
     ".obj": _obj, ".ply": _ply, ".stl": _stl, ".tab": _plate_model, ".plt": _plate_model,
     ".icq": _icq, ".glb": _glb, ".off": _off,

@@ -12,7 +12,7 @@ from glrender_camera.validate import integer, one_of, within
 
 from ...base.errors import ShapeError, error_path
 from .edges import Edges
-from .files import MAX_FACETS, read_shape_file
+from .files import MAX_FACETS, own_unit, read_shape_file
 from .shells import WELD_RTOL, are_all_different, of_one_diagonal, seams, wound
 
 _log = logging.getLogger(__name__)
@@ -41,6 +41,23 @@ def metres_per_unit(length_unit: str | float) -> float:
     if length_unit not in _METRES_PER_UNIT:
         raise ShapeError("length_unit", "must be 'm', 'km' or metres per unit", length_unit)
     return _METRES_PER_UNIT[length_unit]
+
+
+def file_scale(path: Path, length_unit: str | float | None) -> float:
+    """Metres per unit of a file, by the unit that is given or that of its format.
+
+    Raises
+    ------
+    ShapeError
+        None is given and the format has none, or another one.
+    """
+    own, scale = own_unit(path), None if length_unit is None else metres_per_unit(length_unit)
+    if own is None and scale is None:
+        raise ShapeError("length_unit", "missing", hint='shape files carry no unit: "m" or "km"')
+    if own is not None and scale not in (None, metres_per_unit(own)):
+        raise ShapeError("length_unit", f"must be {own!r}, the unit of this format by its definition", length_unit,
+                         "leave it out")
+    return scale if own is None else metres_per_unit(own)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,30 +120,34 @@ class Shape:
     other_side: np.ndarray | None = None
 
     @classmethod
-    def from_file(cls, path: str | Path, *, length_unit: str | float, max_facets: int = MAX_FACETS,
-                  sides: str = "file") -> Shape:
+    def from_file(cls, path: str | Path, *, length_unit: str | float | None = None, max_facets: int = MAX_FACETS,
+                  sides: str = "file", surface: int | None = None) -> Shape:
         """Read, check and repair a shape file.
 
         Parameters
         ----------
         path : path
-            OBJ, PLY, STL, PDS plate model (.tab, .plt) or ICQ (.icq).
+            OBJ, PLY, STL, PDS plate model (.tab, .plt), ICQ, binary glTF, OFF or SPICE DSK: docs/shapes.md.
         length_unit : "m", "km" or float
-            Length unit of the file; metres per unit when a number, 1e-9..1e9.
+            Length unit of the file; metres per unit when a number, 1e-9..1e9. A DSK has its own.
         max_facets : int
         sides : {"file", "front", "both"}
             Which sides of open shells are there, as panels: those that the file gives (a binary glTF's `doubleSided`),
             the facets as they are, or both of each. Closed shells are seen from outside.
+        surface : int, optional
+            SPICE's number of the surface, of a DSK with several.
 
         Raises
         ------
         ShapeError
             With the file's name, the rule and the value.
         """
-        path, scale = Path(path), metres_per_unit(length_unit)
+        path = Path(path)
         one_of("sides", sides, SIDES)
         with error_path(path.name):
-            mesh = read_shape_file(path, integer("max_facets", max_facets, 1, 2**31 - 1))
+            scale = file_scale(path, length_unit)
+            mesh = read_shape_file(path, integer("max_facets", max_facets, 1, 2**31 - 1),
+                                   None if surface is None else integer("surface", surface, -2**31, 2**31 - 1))
             # A number as long as 1e308 becomes infinite here and is refused as such.
             with np.errstate(over="ignore"):
                 vertices_m = mesh.vertices * scale

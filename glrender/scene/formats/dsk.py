@@ -1,0 +1,129 @@
+"""SPICE's digital shape kernels (DSK) of type 2: triangular plates, in kilometres by definition. Needs spiceypy.
+
+Source: NAIF, DSK Required Reading, N0067.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...base.errors import ShapeError
+from ..shape.files import FileMesh, facet_limit
+
+# DAS files with DSK segments begin with it; a file that was copied as text does not.
+_ID_WORD = b"DAS/DSK "
+_PLATES = 2
+# Bytes of a record, and place of the first free record's number in what SPICE's dashfs tells.
+_RECORD_BYTES, _FREE = 1024, 4
+# Vertices or plates that are read in a turn.
+_ROWS = 1 << 17
+
+
+class Dsk:
+    """The reader of `.bds` and `.dsk`."""
+
+    glrender_api = 1
+    length_unit = "km"
+
+    @staticmethod
+    def read(path: Path, max_facets: int, surface: int | None = None) -> FileMesh:
+        """The plates of a file's segments, of those of one surface where it has several.
+
+        Parameters
+        ----------
+        path : path
+        max_facets : int
+        surface : int, optional
+            SPICE's number of the surface.
+
+        Raises
+        ------
+        ShapeError
+            No DSK, cut off, of another type; several surfaces and none chosen, or one that is not there.
+        """
+        with path.open("rb") as file:
+            found = file.read(len(_ID_WORD))
+        if found != _ID_WORD:
+            raise ShapeError("", "is no DSK: it must begin with 'DAS/DSK'", found.decode("ascii", "replace"),
+                             "a DSK is binary; text for transfer (.xdsk) becomes one by SPICE's tobin")
+        spice = _spiceypy()
+        with _opened(spice, path) as handle:
+            n_records = spice.dashfs(handle)[_FREE] - 1
+            if path.stat().st_size < n_records * _RECORD_BYTES:
+                raise ShapeError("", "is cut off: its DSK needs more bytes", path.stat().st_size,
+                                 f"copy it again, as binary, all {n_records * _RECORD_BYTES} bytes")
+            segments = _segments(spice, handle)
+            surfaces = sorted({segment.surfce for _, segment in segments})
+            if surface is None and len(surfaces) > 1:
+                raise ShapeError("surface", f"missing: the file has {_listed(surfaces)}",
+                                 hint=f"choose one: surface = {surfaces[0]}")
+            if surface is not None and surface not in surfaces:
+                raise ShapeError("surface", f"must be one of {_listed(surfaces)}, as the file has it", surface)
+            chosen = [(place, segment) for place, segment in segments if surface in (None, segment.surfce)]
+            for _, segment in chosen:
+                if segment.dtype != _PLATES:
+                    raise ShapeError("", f"has a segment of type {segment.dtype}, and only type 2 (plates) is read",
+                                     str(path), "SPICE's mkdsk makes plates of a shape")
+            counts = [spice.dskz02(handle, place) for place, _ in chosen]
+            facet_limit(sum(n_plates for _, n_plates in counts), max_facets)
+            vertices, facets, n_before = [], [], 0
+            for (place, _), (n_vertices, n_plates) in zip(chosen, counts, strict=True):
+                vertices.append(_rows(spice.dskv02, handle, place, n_vertices))
+                plates = _rows(spice.dskp02, handle, place, n_plates).astype(np.int64)
+                facets.append(plates - 1 + n_before)
+                n_before += n_vertices
+        return FileMesh(np.concatenate(vertices), np.concatenate(facets))
+
+
+def _spiceypy() -> Any:
+    try:
+        import spiceypy
+    except ImportError:
+        raise ShapeError("", "a DSK needs spiceypy, which is not installed", hint="pip install \"glrender[spice]\"")\
+            from None
+    return spiceypy
+
+
+@contextlib.contextmanager
+def _opened(spice: Any, path: Path) -> Iterator[int]:
+    """The handle of a file that is opened on its own: SPICE's pool of kernels stays as it is."""
+    handle = None
+    try:
+        handle = spice.dasopr(str(path))
+        yield handle
+    except spice.utils.exceptions.SpiceyError as error:
+        spice.reset()
+        raise ShapeError("", f"is no readable DSK: {str(getattr(error, 'short', '') or error).strip()}",
+                         str(path), "it may be cut off; copy it again, as binary") from None
+    finally:
+        if handle is not None:
+            spice.dascls(handle)
+
+
+def _segments(spice: Any, handle: int) -> list[tuple[Any, Any]]:
+    """Descriptors of a file's segments: where each is, and what it is."""
+    found = []
+    try:
+        place = spice.dlabfs(handle)
+        while True:
+            found.append((place, spice.dskgd(handle, place)))
+            place = spice.dlafns(handle, place)
+    except spice.utils.exceptions.NotFoundError:
+        pass
+    if not found:
+        raise ShapeError("", "is a DSK without segments", None)
+    return found
+
+
+def _rows(read: Any, handle: int, place: Any, count: int) -> np.ndarray:
+    return np.concatenate([np.asarray(read(handle, place, first + 1, min(_ROWS, count - first)))
+                           for first in range(0, count, _ROWS)])
+
+
+def _listed(surfaces: list[int]) -> str:
+    return " and ".join(map(str, surfaces))

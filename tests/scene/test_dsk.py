@@ -1,0 +1,94 @@
+"""SPICE's digital shape kernels, written here by spiceypy: the plates of their source, in kilometres by definition."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from glrender import Body, Scene, Shape, ShapeError, generate
+from glrender.brdf import Lambert
+from missing import needed_module
+
+sp = needed_module("spiceypy", "pip install \"glrender[spice]\"")
+KM = 1000.0
+
+
+def write(path, *segments):
+    """A DSK of (surface, shape) of which each has a segment."""
+    handle = sp.dskopn(str(path), path.stem, 0)
+    for surface, shape in segments:
+        vertices, plates = shape.vertices_m / KM, shape.facets + 1
+        index = sp.dskmi2(vertices, plates, 5.0, 3, 1_000_000, 200_000, 200_000, False, 2_000_000)
+        radius = np.linalg.norm(vertices, axis=1)
+        sp.dskw02(handle, 2101955, surface, 1, "IAU_BENNU", 1, np.zeros(10), -np.pi, np.pi, -0.5 * np.pi, 0.5 * np.pi,
+                  radius.min(), radius.max(), -1e9, 1e9, vertices, plates, *index)
+    sp.dskcls(handle, True)
+    return path
+
+
+@pytest.fixture
+def rough():
+    return generate.three_lobes(radius_m=250.0, subdivisions=3)
+
+
+@pytest.fixture
+def ball():
+    return generate.icosphere(radius_m=300.0, subdivisions=2)
+
+
+@pytest.mark.parametrize("ending", ["bds", "dsk", "BDS"])
+def test_a_dsk_is_the_mesh_of_its_source(tmp_path, rough, ending):
+    """1e-6 m, facets in their order, and nothing is left in SPICE's pool."""
+    found = Shape.from_file(write(tmp_path / f"one.{ending}", (7, rough)))
+    np.testing.assert_array_equal(found.facets, rough.facets)
+    np.testing.assert_allclose(found.vertices_m, rough.vertices_m, rtol=0.0, atol=1e-6)
+    assert sp.ktotal("ALL") == 0
+    with pytest.raises(ShapeError, match=r"one.*length_unit: must be 'km'.*definition, got 'm'; leave it out"):
+        Shape.from_file(tmp_path / f"one.{ending}", length_unit="m")
+    assert Shape.from_file(tmp_path / f"one.{ending}", length_unit="km").radius_m == found.radius_m
+
+
+def test_a_surface_of_several_is_chosen(tmp_path, rough, ball):
+    """Segments of one surface are one shape; in a scene file and a body likewise."""
+    path = write(tmp_path / "two.bds", (7, rough), (9, ball))
+    with pytest.raises(ShapeError, match=r"two.bds.surface: missing: the file has 7 and 9; choose one: surface = 7"):
+        Shape.from_file(path)
+    with pytest.raises(ShapeError, match=r"two.bds.surface: must be one of 7 and 9.*got 8"):
+        Shape.from_file(path, surface=8)
+    assert len(Shape.from_file(path, surface=9).facets) == len(ball.facets)
+    body = Body.from_file(path, name="a", brdf=Lambert(normal_albedo=0.1), surface=7)
+    assert len(body.shape.facets) == len(rough.facets)
+    brdf = {"law": "lambert", "normal_albedo": 0.1}
+    table = {"bodies": [{"name": "a", "shape": "two.bds", "surface": 9, "brdf": brdf}],
+             "cameras": [{"name": "c", "width_px": 8, "height_px": 8, "focal_length_px": 20.0}]}
+    assert len(Scene.from_dict(table, shape_dir=tmp_path).bodies[0].shape.facets) == len(ball.facets)
+    tiles = [Shape.from_arrays(rough.vertices_m, part) for part in np.array_split(rough.facets, 2)]
+    tiled = Shape.from_file(write(tmp_path / "tiles.bds", *((7, tile) for tile in tiles)))
+    assert tiled.report.is_watertight and len(tiled.facets) == len(rough.facets)
+
+
+@pytest.mark.parametrize("make, rule", [
+    (lambda whole: whole[:5000], "cut.bds: is cut off: .*got 5000; copy it again, as binary, all"),
+    (lambda whole: whole[:-1], "cut.bds: is cut off"),
+    (lambda whole: whole[:900], "cut.bds: is no readable DSK.*may be cut off"),
+    (lambda whole: whole[:1500] + bytes(len(whole) - 1500), "cut.bds: is "),
+    (lambda whole: b"DAF/SPK " + whole[8:], "cut.bds: is no DSK: it must begin with 'DAS/DSK', got 'DAF/SPK '"),
+    (lambda whole: b"solid a", "cut.bds: is no DSK")], ids=["half", "tail", "head", "zeros", "SPK", "text"])
+def test_files_that_are_no_dsk_are_refused(tmp_path, rough, make, rule):
+    (tmp_path / "cut.bds").write_bytes(make(write(tmp_path / "one.bds", (7, rough)).read_bytes()))
+    with pytest.raises(ShapeError, match=rule):
+        Shape.from_file(tmp_path / "cut.bds")
+    assert len(Shape.from_file(tmp_path / "one.bds").facets) == len(rough.facets), "SPICE goes on after an error"
+
+
+def test_other_rules_have_a_way_out(tmp_path, rough):
+    path = write(tmp_path / "one.bds", (7, rough))
+    with pytest.raises(ShapeError, match="more than 10 facets.*raise max_facets"):
+        Shape.from_file(path, max_facets=10)
+    rough.to_file(tmp_path / "one.obj")
+    with pytest.raises(ShapeError, match="surface: is a choice among a DSK's surfaces.*leave it out"):
+        Shape.from_file(tmp_path / "one.obj", length_unit="m", surface=3)
+    with pytest.raises(ShapeError, match="one.obj.length_unit: missing; shape files carry no unit"):
+        Shape.from_file(tmp_path / "one.obj")
+    (tmp_path / "one.gltf").write_text("{}")
+    with pytest.raises(ShapeError, match=r"must end in one of \.bds, \.dsk, .*export it as \.glb"):
+        Shape.from_file(tmp_path / "one.gltf", length_unit="m")
