@@ -114,7 +114,8 @@ SCENE: tuple[Table, ...] = (
     Table("bodies", (Body,), ("albedo_map",), {
         "shape": ("text", "A shape file; or `generated`. Relative to this file."),
         "generated": ("table", "A made-up shape; below."),
-        "length_unit": ("\"m\", \"km\" or float", "Of the shape file; metres per unit when a number."),
+        "length_unit": ("\"m\", \"km\" or float", "Of the shape file; metres per unit when a number. DSKs have one."),
+        "surface": ("int", "SPICE's number of the surface, of a DSK with several."),
         "sides": ("\"file\", \"front\" or \"both\"", "Of open shells, as panels; \"file\" by default."),
         "brdf": ("table", "The reflectance law; below."),
         "albedo_texture": ("text", "An image whose grey value over its full scale scales the law's albedo."),

@@ -38,6 +38,7 @@ OUTSIDE = {
     "glrender": {"numpy", "glrender_camera"},
     "glrender.base": {"numpy", "scipy", "pyrr", "glrender_camera"},
     "glrender.scene": {"numpy", "scipy", "PIL", "mapbox_earcut", "glrender_camera"},
+    "glrender.scene.formats": {"numpy", "spiceypy"},
     "glrender.view": {"numpy", "scipy", "glrender_camera"},
     "glrender.planner": {"numpy", "cv2", "glrender_camera"},
     "glrender.engines": {"numpy", "scipy", "glrender_camera"},
