@@ -225,7 +225,7 @@ def test_vertex_normals_of_a_sphere_are_radial():
     ("s.obj", "\n".join(["v 1 1 1"] * 3 + ["f 1 2 3"]), "no extent"),
     ("s.obj", "\n".join(["v 0 0 0", "v 1 1 1", "v 2 2 2", "f 1 2 3"]), "no facet with an area"),
     ("s.obj", b"\0\1\2" * 100, "is binary"),
-    ("s.xyz", cube_obj(), "must end in one of .glb, .icq, .obj"),
+    ("s.xyz", cube_obj(), "must end in one of .bds, .dsk, .glb, .icq, .obj"),
     ("s.tab", "a b\n", "must begin with the number of vertices"),
     ("s.tab", "8\n0 0 0\n", "is no plate model"),
     ("s.tab", "1000000000000 3\n", "facets|ends before"),
