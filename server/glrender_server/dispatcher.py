@@ -37,8 +37,8 @@ _MIN_RETRY_S, _MAX_RETRY_S = 0.05, 5.0
 _ALL_AT_WORK = "all connections are open and at work; close one"
 _UNTAKEN = "this client has not taken its replies; read them first"
 _WATCHED_S = 0.1
-# The most senders whose speed is remembered.
-_MAX_SENDERS = 4096
+# The most senders whose speed is remembered: more than may be connected; those who went are forgotten first.
+_MAX_SENDERS = 1024
 # Who has had a slow frame is known to be quick again by a quick one that ends so long after it [s], or later.
 _SLOW_FOR_S = 5.0
 # After so many new senders in a row whose first request was quick, the next is believed to be.
