@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -14,6 +13,7 @@ from ..scene.shape.shape import Shape
 from .bake import SphericalBake
 from .fields import CartesianField, Field, SphericalField
 from .measuring import FieldErrors, Hits, measured_errors, worst
+from .sources.source import OwnField, Source
 
 # Activity is that of the Sun's nearest node: half a degree at most away, cos(incidence) within 1 % of its largest.
 _SUN_NODES = 64
@@ -32,7 +32,7 @@ class Layer:
     field: Field
     models: tuple[str, ...]
     errors: FieldErrors
-    volume: Any = None
+    volume: OwnField | None = None
 
     @property
     def is_spherical(self) -> bool:
@@ -50,11 +50,11 @@ class Layers:
     Parameters
     ----------
     sources : sequence
-        Sources, and volumes (whatever has a `field`).
+        Each a `Source` or of an `OwnField`.
     shape : Shape
     """
 
-    def __init__(self, sources: Sequence[Any], shape: Shape):
+    def __init__(self, sources: Sequence[Source | OwnField], shape: Shape):
         if shape.centre_m.any():
             raise ConfigError("shape", "must be around the origin of the body that has a coma", shape.centre_m.tolist(),
                               "move the shape there")
@@ -64,15 +64,15 @@ class Layers:
         self.radius_m = float(np.median(distance))
         self._nearest_m = max(body_radius_m[0], 0.05 * body_radius_m[1])
         self._hits = body_hits(shape)
-        volumes = [source for source in sources if hasattr(source, "field")]
-        around = [source for source in sources if not hasattr(source, "field")]
+        volumes = [source for source in sources if isinstance(source, OwnField)]
+        around = [source for source in sources if not isinstance(source, OwnField)]
         self._bake = SphericalBake(around, body_radius_m)
         self.least_m = self._bake.least_m
         self._measured = self._measured_by_axis()
         self._fixed = tuple(self._fixed_layer(volume) for volume in volumes)
         self._sun, self._around = None, ()
 
-    def _fixed_layer(self, volume: Any) -> Layer:
+    def _fixed_layer(self, volume: OwnField) -> Layer:
         field = volume.field(self.least_m)
         return Layer(field=field, models=(type(volume).__name__.lower(),), volume=volume,
                      errors=self._errors(field)[0])

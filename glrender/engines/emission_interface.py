@@ -2,8 +2,7 @@
 
 A plug-in is a class with `from_table(table, resolve, bodies)`, which reads a `[[emission]]` table of a scene and
 returns an object with `body`, the name of the body that the light is around, and `open(context, scene)`, which
-gives a context manager with `add(irradiance, frame)`. The object may also have `trace(scene)`, which gives an object
-with `add` for backends that trace rays; these leave out emissions without it, and say so. An emission with `dims`
+gives a context manager with `add(irradiance, frame)`. It may be `Traceable` too. An emission with `dims`
 false never dims the surfaces: small bodies in it may then be points apart from the image.
 """
 
@@ -12,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from glrender_camera import PinholeCamera
@@ -83,6 +82,14 @@ class TracedEmission(Protocol):
 
     def add(self, irradiance: np.ndarray, frame: TracedFrame) -> EmissionPlan:
         """Add light to the irradiance, as `EmissionPass.add` does."""
+
+
+@runtime_checkable
+class Traceable(Protocol):
+    """An emission that backends which trace rays draw too; these leave out others, and say so."""
+
+    def trace(self, scene: Scene) -> TracedEmission:
+        """Prepare it for a scene."""
 
 
 class EmissionPass(Protocol):

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
+
+from ..fields import CartesianField
 
 
 class Source(Protocol):
@@ -30,6 +32,17 @@ class Source(Protocol):
 
     def activity(self, sun_direction_body: np.ndarray) -> np.ndarray:
         """Activity (C,) [1] of the components."""
+
+
+@runtime_checkable
+class OwnField(Protocol):
+    """Dust that has a field of its own, whose axes need not be the body's."""
+
+    def field(self, least_m: float) -> CartesianField:
+        """The field, and `least_m` the least distance [m] from the body's middle at which it is asked for."""
+
+    def field_from_body(self, body_from_inertial: np.ndarray, sun_direction_body: np.ndarray) -> np.ndarray:
+        """(3, 3) float64 rotation from the body's axes into the field's."""
 
 
 EVERYWHERE = math.inf

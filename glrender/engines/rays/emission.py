@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from glrender_camera import PinholeCamera
@@ -14,7 +13,7 @@ from ...planner.plan import EMISSION_LEFT_OUT, RenderPlan
 from ...scene.scene import Scene
 from ...view.state import State
 from ...view.view import BodyView
-from ..emission_interface import TracedFrame
+from ..emission_interface import Traceable, TracedEmission, TracedFrame
 from .engine import RayEngine
 
 
@@ -31,7 +30,7 @@ class Emitted:
     def __init__(self, scene: Scene, rays: Callable[[], RayEngine]):
         self._scene, self._rays = scene, rays
         # Tables are made when the first frame needs them.
-        self._opened: list[Any] | None = None
+        self._opened: list[TracedEmission] | None = None
 
     def add(self, irradiance: np.ndarray, state: State, camera: PinholeCamera, views: list[BodyView],
             plan: RenderPlan) -> RenderPlan:
@@ -39,8 +38,8 @@ class Emitted:
         emissions = self._scene.emission
         if not emissions:
             return plan
-        left_out = tuple(f"{EMISSION_LEFT_OUT} {each.body}" for each in emissions if not hasattr(each, "trace"))
-        able = [each for each in emissions if hasattr(each, "trace")]
+        left_out = tuple(f"{EMISSION_LEFT_OUT} {each.body}" for each in emissions if not isinstance(each, Traceable))
+        able = [each for each in emissions if isinstance(each, Traceable)]
         try:
             rays = self._rays() if able else None
         except DeviceError as error:
