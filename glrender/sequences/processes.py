@@ -14,6 +14,8 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
 from multiprocessing import connection, get_context, parent_process
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from glrender_camera.validate import integer
@@ -161,12 +163,16 @@ def own_processes(n_processes: int | None, start: Callable[..., None], arguments
         finally:
             stop()
         return
-    executor = ProcessPoolExecutor(n_processes, mp_context=get_context("spawn"), initializer=_begin,
-                                   initargs=(start, arguments))
-    try:
-        yield Pool(executor, lambda: n_processes)
-    finally:
-        executor.shutdown(cancel_futures=True)
+    with TemporaryDirectory(prefix="glrender-") as folder:
+        # In a file: Python waits for ever for a process that dies before it has read more than a pipe holds.
+        file = Path(folder, "start.pickle")
+        file.write_bytes(pickle.dumps((start, arguments)))
+        executor = ProcessPoolExecutor(n_processes, mp_context=get_context("spawn"), initializer=_begin,
+                                       initargs=(file,))
+        try:
+            yield Pool(executor, lambda: n_processes)
+        finally:
+            executor.shutdown(cancel_futures=True)
 
 
 class _ThisProcess(Executor):
@@ -178,8 +184,9 @@ class _ThisProcess(Executor):
         return done
 
 
-def _begin(start: Callable[..., None], arguments: tuple) -> None:
+def _begin(file: Path) -> None:
     threading.Thread(target=_end_with_parent, daemon=True).start()
+    start, arguments = pickle.loads(file.read_bytes())  # noqa: S301 (what `own_processes` wrote, in its own folder)
     start(*arguments)
 
 
