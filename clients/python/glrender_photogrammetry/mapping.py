@@ -12,7 +12,6 @@ import numpy as np
 from glrender_navigation.checks import refuse
 from glrender_navigation.features import jacobian
 from scipy import sparse
-from scipy.sparse import linalg
 from scipy.spatial.transform import Rotation
 
 from .features import matched, needed_pycolmap, number_of, pipeline, shared_points
@@ -118,10 +117,15 @@ def adjusted(frames: Sequence[PosedFrame], found: dict[str, np.ndarray], seen: n
                    np.repeat(1.0 / (_SIGMA_PX**2 + (off_px**2).sum(axis=1)), 2)]
         left = np.concatenate([np.hstack([off_rad, places_m - given_m]).ravel(), off_px.ravel()])
         weighed = rows.T * np.concatenate(weights)
-        step = linalg.spsolve((weighed @ rows).tocsc(), -weighed @ left, permc_spec="MMD_AT_PLUS_A")
-        moved = step[:6 * n].reshape(-1, 6)
+        normal, pull = (weighed @ rows).tocsr(), -weighed @ left
+        # Points hang together by the frames alone: their blocks are eliminated first.
+        blocks, across = normal[6 * n:, 6 * n:].tobsr((3, 3)), normal[:6 * n, 6 * n:]
+        inverse = sparse.bsr_array((np.linalg.inv(blocks.data), blocks.indices, blocks.indptr))
+        step = np.linalg.solve((normal[:6 * n, :6 * n] - across @ inverse @ across.T).toarray(),
+                               pull[:6 * n] - across @ (inverse @ pull[6 * n:]))
+        points_m = points_m + (inverse @ (pull[6 * n:] - across.T @ step)).reshape(-1, 3)
+        moved = step.reshape(-1, 6)
         turns, places_m = Rotation.from_rotvec(moved[:, :3]) * turns, places_m + moved[:, 3:]
-        points_m = points_m + step[6 * n:].reshape(-1, 3)
         if camera.focal_length_px * np.abs(moved[:, :3]).max() < _ENOUGH_PX:
             break
     return _about(frames, turns.as_matrix(), places_m, points_m)
