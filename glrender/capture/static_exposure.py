@@ -35,6 +35,8 @@ _APART_PX = 24.0
 # Error of light that is moved in cells over their squared size [px2] and the image's second difference [1]: Itokawa of
 # 12 and 40 px and spheres behind five lenses have 0.09 to 0.23.
 _MOVED = 0.25
+# Share of the brightest pixel's light [1] that a coma has less of.
+_FAINT = 0.01
 # Options of a capture, whatever its renderer takes.
 _OPTIONS = ("max_error", "samples", "on_progress", "out")
 # Values of products on the sky that are not NaN.
@@ -183,7 +185,8 @@ class Drawing:
 
     def _moved_error(self, light: np.ndarray) -> float:
         """RMS error [1] of an image (h, w) whose light was moved in cells: they blur it by their squared size."""
-        lit = light > 0.0
+        # The mean is that of bodies, not of a coma, whose light has no edges.
+        lit = light > _FAINT * light.max()
         if self.lens is None or not lit.any():
             return 0.0
         cell_px = self._camera.with_margin(self._margin_px).lens_map.stretch / self._n

@@ -158,8 +158,7 @@ class CoverageEngine:
             return dark, NOTHING_DRAWN, penumbra
         allowed = OVERLAPS_LEFT * (scale.most_squared(budget.tolerance) - penumbras[0]) / len(bodies)
         # A pixel's solid angle falls off as cos^3 of its angle from the boresight: of facets that are far smaller.
-        fine = _FINE if cells.camera.lens_map is None else 1.0
-        is_fine = n_px * cells.per_px.prod() < fine * sum(body.n_areas for body in bodies)
+        is_fine = n_px * cells.per_px.prod() < _FINE * sum(body.n_areas for body in bodies)
         changes, squared, bias_squared = accumulate.no_changes(cells.shape), 0.0, 0.0
         for body in bodies:
             areas = find_areas(body, allowed, scale.flux_weight)

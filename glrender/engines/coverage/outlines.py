@@ -11,9 +11,6 @@ from .facet_tables import FacetTables
 from .image_cells import ImageCells
 from .sub_triangles import normalised, projected
 
-# Most halvings of a line: what is left of one of 1e12 px is a hundredth of a pixel.
-_MOST_HALVINGS = 50
-
 
 def add_facets(changes: np.ndarray, cells: ImageCells, facets: FacetTables, view: BodyView, xy_px: np.ndarray,
                radiance: np.ndarray) -> None:
@@ -73,18 +70,16 @@ def _add_bent(changes: np.ndarray, cells: ImageCells, lens: LensMap, xy: np.ndar
     step = np.tile(values, len(corners))
     places = np.concatenate([lens.places_px(begin), lens.places_px(end)])
     low, high = np.reshape(cells.bounds_px, (2, 2))
-    for _ in range(_MOST_HALVINGS):
+    while len(step):
         first, last = places[:2], places[2:]
         length_px = np.sqrt(np.square(last - first).sum(axis=0))
         # A line beyond one side of the cells changes them alike whatever its way, and bends by less than its length.
         beyond = (np.maximum(first, last) + length_px < low[:, None]) | (
             np.minimum(first, last) - length_px > high[:, None])
-        is_done = (length_px <= lens.straight_px) | beyond.any(axis=0)
+        is_done = ~(length_px > lens.straight_px) | beyond.any(axis=0)
         accumulate.add_lines(changes, np.ascontiguousarray(places[:, is_done]), step[is_done], cells.origin_px,
                              cells.per_px)
         begin, end, step, places = begin[:, ~is_done], end[:, ~is_done], step[~is_done], places[:, ~is_done]
-        if not len(step):
-            break
         middle = 0.5 * (begin + end)
         middle_px = lens.places_px(middle)
         begin, end = np.concatenate([begin, middle], axis=1), np.concatenate([middle, end], axis=1)

@@ -60,7 +60,7 @@ def lens_samples(draw: Callable[[PinholeCamera, Bounds, tuple[int, int], np.ndar
         per_px = max(math.floor(per_px), 1)
     size = max(round(wide * per_px), 2), max(round(tall * per_px), 2)
     per_cell = np.array(size) / (high - low)
-    # Of each sample: the first of the four that are around it, its way to the next ones, and its share of their light.
+    # For each sample: the first of the four that are around it, its way to the next ones, and its share of their light.
     first = np.full((rows, columns), -1, np.int32)
     way, share = np.zeros((2, rows, columns), np.float32), np.zeros((rows, columns), np.float32)
     is_asked = np.ones((rows, columns), bool) if mask is None else np.kron(
