@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 from glrender import Body, generate
-from glrender.brdf import Lambert, LommelSeeliger
+from glrender.brdf import Lambert, LommelSeeliger, Microfacet
 from glrender.engines.raster.meshes import body_traits, view_slope
 
 
@@ -33,6 +33,24 @@ def test_the_slope_of_lommel_seeliger_is_a_finite_difference(phase_deg):
     light = mu * mu0 / (mu0 + mu)
     assert view_slope(LommelSeeliger(single_scattering_albedo=0.3), phase_deg) == pytest.approx(
         math.sqrt((light * squared).sum() / light.sum()), rel=0.05)
+
+
+@pytest.mark.parametrize("roughness, phase_deg", [(0.1, 60), (0.1, 5), (0.2, 100)])
+def test_the_slope_of_a_narrow_highlight_is_that_of_its_lobe(roughness, phase_deg):
+    """By a fine grid of normals about the bisector, as wide as 30 lobes: 5 % less to 15 % more."""
+    law = Microfacet(base_albedo=0.9, metalness=1.0, roughness=roughness)
+    half_rad, step_rad = 0.5 * math.radians(phase_deg), 1e-5
+    aside = np.sinh(np.linspace(-6.0, 6.0, 301)) / math.sinh(6.0) * math.sin(min(30.0 * roughness**2, 0.5))
+    y, z = (axis.ravel() for axis in np.meshgrid(aside, aside))
+    weight = np.outer(np.gradient(aside), np.gradient(aside)).ravel() / np.sqrt(1.0 - y * y - z * z)
+    normal = np.stack([np.sqrt(1.0 - y * y - z * z), y, z], axis=1)
+    sun, camera = (np.array([math.cos(half_rad), side * math.sin(half_rad), 0.0]) for side in (1.0, -1.0))
+    here = law.brdf(sun, camera, normal)
+    light, squared = weight * here * np.maximum(normal @ sun, 0.0) * np.maximum(normal @ camera, 0.0), 0.0
+    for way in (np.array([math.sin(half_rad), math.cos(half_rad), 0.0]), np.array([0.0, 0.0, 1.0])):
+        squared += ((law.brdf(sun, camera + step_rad * way, normal) / np.maximum(here, 1e-300) - 1.0) / step_rad) ** 2
+    truth = math.sqrt((light * squared)[here > 0.0].sum() / light.sum())
+    assert 0.95 * truth < view_slope(law, phase_deg) < 1.15 * truth and truth > 10.0
 
 
 def test_facets_that_are_not_as_bright_all_over_have_no_size():

@@ -43,18 +43,28 @@ def body_traits(body: Body) -> BodyTraits:
 def view_slope(law: Law, phase_deg: int) -> float:
     """Relative change of a surface's radiance per radian of the direction it is seen from [1/rad], RMS by its light.
 
-    Over the sunlit part of a sphere that the camera sees: 0 by Lambert's law, and of a black surface.
+    Over the sunlit part of a sphere that the camera sees: 0 by Lambert's law, and of a black surface. Normals are even
+    over the sphere, or dense around the bisector of Sun and camera, where a highlight may be narrow: the larger counts.
     """
-    step_rad, phase_rad = 1e-3, math.radians(phase_deg)
+    half_rad = 0.5 * math.radians(phase_deg)
     cosines, weights = np.polynomial.legendre.leggauss(16)
-    around = (np.arange(32) + 0.5) * np.pi / 16.0
-    mu, angle = (axis.ravel() for axis in np.meshgrid(0.5 * (cosines + 1.0), around, indexing="ij"))
+    angles = np.concatenate([[0.0], np.geomspace(1e-3, 0.5 * math.pi, 24)])
+    return max(_slope(law, 2.0 * half_rad, 0.0, 0.5 * (cosines + 1.0), weights),
+               _slope(law, half_rad, -half_rad, np.cos(0.5 * (angles[1:] + angles[:-1])), -np.diff(np.cos(angles))))
+
+
+def _slope(law: Law, sun_rad: float, camera_rad: float, cosines: np.ndarray, weights: np.ndarray) -> float:
+    """The same by normals at some cosines from an axis, from which Sun and camera stand at angles in one plane."""
+    step_rad, around = 1e-3, (np.arange(32) + 0.5) * np.pi / 16.0
+    mu, angle = (axis.ravel() for axis in np.meshgrid(cosines, around, indexing="ij"))
     sine = np.sqrt(1.0 - mu * mu)
     normal = np.stack([sine * np.cos(angle), sine * np.sin(angle), mu], axis=1)
-    to_sun = np.array([math.sin(phase_rad), 0.0, math.cos(phase_rad)])
-    here, *beside = (law.brdf(to_sun, np.array(way) / np.linalg.norm(way), normal)
-                     for way in ((0.0, 0.0, 1.0), (step_rad, 0.0, 1.0), (0.0, step_rad, 1.0)))
-    light = np.repeat(weights, len(around)) * mu * here * np.maximum(normal @ to_sun, 0.0)
+    to_sun, to_camera = (np.array([math.sin(at), 0.0, math.cos(at)]) for at in (sun_rad, camera_rad))
+    asides = np.array([to_camera[2], 0.0, -to_camera[0]]), np.array([0.0, 1.0, 0.0])
+    here, *beside = (law.brdf(to_sun, way / np.linalg.norm(way), normal)
+                     for way in (to_camera, *(to_camera + step_rad * aside for aside in asides)))
+    light = (np.repeat(weights, len(around)) * np.maximum(normal @ to_camera, 0.0) * here
+             * np.maximum(normal @ to_sun, 0.0))
     if not light.sum() > 0.0:
         return 0.0
     changes = sum(np.where((here > 0.0) & (there > 0.0), there / np.maximum(here, 1e-300) - 1.0, 0.0) ** 2

@@ -53,8 +53,7 @@ def _floats_at(context, address):
 
 
 def _filter(is_left_out):
-    """Address of a filter of Embree's that leaves hits out by the product of their normals and rays."""
-    @cfunc(void(types.voidptr))
+    """A filter of Embree's that leaves hits out by the sign of the product of their normals and rays."""
     def leave_out(arguments):
         # RTCFilterFunctionNArguments: valid, two more, RTCRayN, RTCHitN, and how many there are.
         words = carray(arguments, 6, np.uint64)
@@ -65,7 +64,12 @@ def _filter(is_left_out):
                 across += ray[(_TOWARDS + axis) * n + k] * hit[axis * n + k]
             if is_left_out * across > 0.0:
                 valid[k] = float32(0.0)
-    return leave_out
+
+    signature = void(types.voidptr)
+    try:
+        return cfunc(signature, cache=True)(leave_out)
+    except Exception:  # where machine code cannot be kept: `numba_loops.compiled`
+        return cfunc(signature)(leave_out)
 
 
 _filters = [_filter(sign) for sign in (1.0, -1.0)]
