@@ -15,7 +15,7 @@ _LEAVES, _HELD = 1.25, 1.5
 # Of a facet's corners and their numbers in Embree [byte].
 _CORNER_BYTES = 3 * 12 + 12
 # Most that float32 may put a corner off [px]: of longer facets, and of those nearer, corners stay float64.
-_MOST_OFF_PX = 0.02
+_MOST_OFF_PX = 0.003
 # What is left there of all that rays start off facets: of 2^-29, by which float64 is finer, 2^7 is for what rounding
 # adds up.
 _FINE = 2.0**-22
