@@ -13,6 +13,23 @@ from ..base.errors import ConfigError
 MANIFEST = "manifest.json"
 
 
+def made(folder: Path, field: str = "--out", named: Path | None = None) -> None:
+    """Make a folder; errors name the field, and another folder if this is in one that was asked for.
+
+    Raises
+    ------
+    ConfigError
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except (FileExistsError, NotADirectoryError):
+        raise ConfigError(field, "must be a folder, or not be there yet", str(named or folder),
+                          "name another") from None
+    except OSError as error:
+        raise ConfigError(field, f"must be a folder that can be written to ({error.strerror})", str(named or folder),
+                          "name another") from None
+
+
 def claim_folder(folder: Path, ours: Mapping[str, Any]) -> None:
     """Write the manifest of a folder, made if it is missing, or find the same entries in the one that is there.
 
@@ -21,10 +38,7 @@ def claim_folder(folder: Path, ours: Mapping[str, Any]) -> None:
     ConfigError
         The folder has the manifest of others.
     """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except (FileExistsError, NotADirectoryError):
-        raise ConfigError("out", "must be a folder, or not be there yet", str(folder), "name another") from None
+    made(folder, "out")
     file = folder / MANIFEST
     try:
         theirs = json.loads(file.read_text(encoding="utf-8"))

@@ -11,7 +11,7 @@ from typing import Any
 
 from glrender import ConfigError, GlrenderError, Scene, open_renderer
 from glrender.base.errors import error_path
-from glrender.sequences.folder import write_whole
+from glrender.sequences.folder import made, write_whole
 from glrender.sequences.processes import Pool, own_processes
 from glrender.sequences.sequence import VERSION
 
@@ -44,7 +44,7 @@ def fly_all(campaign: Campaign, folder: Path, n_processes: int | None = None,
     cases = missing(campaign, folder)
     if not cases:
         return
-    made(folder / _FOLDER)
+    made(folder / _FOLDER, named=folder)
     with pool or own_processes(n_processes, start, (campaign.setup,), stop) as processes:
         tasks = ((number, *_task(campaign.setup, case, processes, pool is None)) for number, case in enumerate(cases))
         for number, flight in processes.done(tasks):
@@ -72,23 +72,6 @@ def result_of(folder: Path, case: Case) -> dict[str, Any] | None:
 def picture_of(folder: Path, case: Case) -> bytes:
     """The kept picture of a case (PNG)."""
     return _path(folder, case, "png").read_bytes()
-
-
-def made(folder: Path) -> None:
-    """Make a folder in that of `--out`.
-
-    Raises
-    ------
-    ConfigError
-    """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except (FileExistsError, NotADirectoryError):
-        raise ConfigError("--out", "must be a folder, or not be there yet", str(folder.parent),
-                          "name another") from None
-    except OSError as error:
-        raise ConfigError("--out", f"must be a folder that can be written to ({error.strerror})", str(folder.parent),
-                          "name another") from None
 
 
 def _path(folder: Path, case: Case, ending: str) -> Path:

@@ -405,3 +405,8 @@ def test_the_command_refuses_in_one_line(tmp_path, flown, capsys):
         assert main(["reconstruct", *arguments, "--out", str(tmp_path / "out")]) == 1
         told = capsys.readouterr().err
         assert message in told.splitlines()[-1] and "Traceback" not in told
+    file = tmp_path / "a.txt"
+    file.write_text("")
+    for arguments in (["reconstruct", str(flown.folder)], ["demo"]):
+        assert main([*arguments, "--out", str(file)]) == 1
+        assert "out: must be a folder, or not be there yet" in capsys.readouterr().err

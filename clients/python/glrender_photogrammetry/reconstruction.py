@@ -223,7 +223,10 @@ class _Stages:
         self._folder, self.cpu_s = None if folder is None else Path(folder), dict[str, float]()
         if self._folder is None:
             return
-        self._folder.mkdir(parents=True, exist_ok=True)
+        try:
+            self._folder.mkdir(parents=True, exist_ok=True)
+        except (FileExistsError, NotADirectoryError):
+            raise refuse("out", "must be a folder, or not be there yet", str(self._folder), "name another") from None
         note, made_of = self._folder / _NOTE, json.dumps({"sha256": sha256}) + "\n"
         if not note.is_file() or note.read_text(encoding="utf-8") != made_of:
             if there := sorted(self._folder.glob("[!.]*")):

@@ -9,12 +9,13 @@ from pathlib import Path
 
 from glrender import GlrenderError
 from glrender.sequences.dask_processes import dask_processes
+from glrender.sequences.folder import made
 from glrender.sequences.processes import checked_processes
 from glrender_campaign.campaign_file import Campaign, load_campaign
 from glrender_campaign.flight import fly
 from glrender_campaign.pictures import Frame, for_the_eye
 from glrender_campaign.report import write_report
-from glrender_campaign.running import Renderers, fly_all, made, missing, result_of
+from glrender_campaign.running import Renderers, fly_all, missing, result_of
 from tqdm import tqdm
 
 
@@ -57,7 +58,7 @@ def run(arguments: argparse.Namespace) -> int:
 def _again(campaign: Campaign, id: str, folder: Path) -> int:
     case = campaign.case(id)
     frames: list[Frame] = []
-    made(folder / id)
+    made(folder / id, named=folder)
 
     def told(frame: Frame) -> None:
         path = folder / id / f"frame_{len(frames):05d}.png"

@@ -22,6 +22,7 @@ from glrender import ConfigError, Pose, Shape, State, frames, generate
 from glrender.base.constants import AU_M
 from glrender.scenario import Belief, load_believed_scene
 from glrender.scenario.belief.decimation import checked_share
+from glrender.sequences.folder import made
 from glrender_camera.validate import integer
 from glrender_campaign.onboard import OF_FRAMES, OnBoard
 from glrender_client import Client
@@ -83,7 +84,7 @@ def run(arguments: argparse.Namespace) -> int:
         belief_file = scene_file.with_name("belief.toml")
         belief_file.write_text(f'scene = "{scene_file.name}"\n[belief.bodies.body]\nfacets = {share}\n')
         believed = load_believed_scene(belief_file).bodies[0].shape
-        arguments.out.mkdir(parents=True, exist_ok=True)
+        made(arguments.out)
         say(f"Body: {len(shape.facets)} facets, {2.0 * shape.radius_m:.4g} m across; its on-board model has "
             f"{len(believed.facets)}{', the same' * (share == 1.0)}")
         options = ["--backend", arguments.backend]
