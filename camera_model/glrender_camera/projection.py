@@ -6,6 +6,7 @@ Frame `camera`: +Z boresight, +X to the right of the image, +Y down. Frame `pixe
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
@@ -201,6 +202,14 @@ class PinholeCamera:
         width, height = (int(side) for side in high - low + 1.0)
         return replace(self, width_px=min(width, MAX_IMAGE_PX), height_px=min(height, MAX_IMAGE_PX),
                        principal_point_px=tuple(-low), distortion=None, model=None)
+
+    @cached_property
+    def least_cosine(self) -> float:
+        """Least cosine [1] of the angle off the boresight in the frame: in a corner, or where the lens's field ends."""
+        x0, y0, x1, y1 = self.bounds_px
+        least = float(self.directions(np.array([[x0, y0], [x1, y0], [x0, y1], [x1, y1]]))[:, 2].min())
+        return least if self.distortion is None or not math.isnan(least) else 1.0 / math.hypot(
+            1.0, self.distortion.max_radius)
 
     def places_px(self, xy: np.ndarray) -> np.ndarray:
         """Places (2, N) float64 [px] of X / Z, Y / Z in `camera` (2, N) [1]: the inverse of `normalised`.

@@ -184,8 +184,7 @@ def _out_of_view(state: State, camera: PinholeCamera, views: Sequence[BodyView])
         seen = f"none of the {len(views)} bodies is in view; the nearest to the boresight, {name}, is {where} (" \
                f"{off_deg:.3g} deg off it"
     if not is_behind:
-        corners = camera.directions(np.array([[x, y] for x in camera.bounds_px[::2] for y in camera.bounds_px[1::2]]))
-        seen += f", where the image reaches {math.degrees(math.acos(float(corners[:, 2].min()))):.3g} deg"
+        seen += f", where the image reaches {math.degrees(math.acos(camera.least_cosine)):.3g} deg"
     way_out = "check state.spacecraft.q_from_inertial: the camera looks along its +Z"
     if not np.allclose(np.abs(camera.q_camera_from_spacecraft), (1.0, 0.0, 0.0, 0.0)):
         way_out += ", turned by its q_camera_from_spacecraft"

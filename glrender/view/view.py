@@ -183,8 +183,7 @@ def _view(name: str, hull: Hull, state: State, camera: PinholeCamera, camera_fro
     else:
         is_visible = farthest > 0.0
         # Depth is range times the cosine off the boresight: least in the image's corner.
-        corner = np.array([[x, y] for x in (-0.5, camera.width_px - 0.5) for y in (-0.5, camera.height_px - 0.5)])
-        nearest = hull.distance_m(r_camera) * float(camera.directions(corner)[:, 2].min())
+        nearest = hull.distance_m(r_camera) * camera.least_cosine
     finest_px = camera.focal_length_px * (1.0 if camera.lens_map is None else camera.lens_map.stretch)
     # At the origin of open terrain any direction and range do, by which others divide.
     to_camera, range_m = (r_camera / range_m, range_m) if range_m > 0.0 else (sun_direction, hull.radius_m)

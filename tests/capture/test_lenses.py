@@ -197,3 +197,25 @@ def test_a_frame_through_a_lens_is_that_of_its_rays():
     rate = model.optics.aperture_area_m2 * model.electrons_per_joule * model.exposure_s
     np.testing.assert_allclose(frame.frame.electrons.sum(dtype=float), truth.sum() * rate, rtol=1e-3)
     assert frame.stages["distortion"] == "k1 -0.05; drawn behind the lens"
+
+
+def test_a_body_around_a_camera_whose_corners_image_nothing_is_drawn():
+    """The corners' outer edges have no direction, and the body reaches behind the camera: closed form within 1e-2."""
+    camera = PinholeCamera(name="c", width_px=90, height_px=90, focal_length_px=90.0, distortion=BrownConrady(k1=-0.3))
+    assert np.isnan(camera.directions(np.array([[-0.5, -0.5]]))).all()
+    assert camera.least_cosine == pytest.approx(1.0 / np.hypot(1.0, np.sqrt(1.0 / 0.9)))
+    centre = 120.0 * np.array([0.6, 0.6, 0.5]) / np.linalg.norm([0.6, 0.6, 0.5])
+    shape = generate.icosphere(radius_m=100.0, subdivisions=5)
+    body = Body(name="body", shape=shape, brdf=Lambert(normal_albedo=ALBEDO))
+    state = State(r_sun_inertial_m=centre - AU_M * centre / 120.0, spacecraft=Pose(r_inertial_m=np.zeros(3)),
+                  bodies={"body": Pose(r_inertial_m=centre)})
+    ray = camera.directions(np.stack(np.meshgrid(np.arange(50.0, 85.0), np.arange(50.0, 85.0)), axis=-1))
+    along = ray @ centre
+    normal = (ray * (along - np.sqrt(along**2 - 120.0**2 + 100.0**2))[..., None] - centre) / 100.0
+    truth = ALBEDO / np.pi * views.SOLAR_IRRADIANCE_W_M2 * (normal @ -centre / 120.0) * (
+        camera.solid_angle_sr()[50:85, 50:85])
+    with Renderer(views.scene([body], [camera], sun_disc=False)) as renderer:
+        for engine in ("rays", "raster"):
+            still = draw_still(renderer, state, max_error=0.02, engine=engine)
+            assert 0.0 < still.plan.predicted["rms"] < 0.02
+            assert views.relative_rms(still.irradiance_W_m2[50:85, 50:85], truth) < 0.01
