@@ -3,7 +3,8 @@
 Writes out/heldout.{json,png,md}: the share of scenes whose true RMS error is within the predicted one and whose
 flux error is within a tenth of it, by phase, size, facets per pixel and samples, and the time over the fixed path.
 `--units` draws smaller frames instead, and checks what is predicted in every unit: out/heldout_units.{json,md};
-`--kind eclipses`, `neighbours` or `tiny` those of bodies in penumbras, next to another body, and of 0.3 to 3 px.
+`--kind eclipses`, `neighbours`, `tiny`, `plain` or `crescents` those of bodies in penumbras, next to another body, of
+0.3 to 3 px, of few large facets, and beyond 145 deg.
 
 Which seeds numbers were fitted to, and which never: `fits/scene_sets.py`; a run says how many of its own were.
 """
@@ -23,12 +24,13 @@ import numpy as np
 from accuracy import units
 from accuracy.check import check
 from accuracy.eclipses import SpheresBefore, draw_eclipse
+from accuracy.hard_scenes import draw_crescent, draw_plain
 from accuracy.random_scenes import draw
 from fits.scene_sets import n_fitted
 
 OUT = Path(__file__).parent.parent / "out"
 _DRAWS = {"bodies": units.draw_small, "eclipses": draw_eclipse, "neighbours": units.draw_neighbours,
-          "tiny": units.draw_tiny}
+          "tiny": units.draw_tiny, "plain": draw_plain, "crescents": draw_crescent}
 _EDGES = {"phase_deg": (0.0, 30.0, 60.0, 90.0, 120.0, 150.0), "body_px": (3.0, 10.0, 30.0, 100.0, 320.0, 2000.0),
           "facets_per_px": (0.0, 0.05, 0.5, 5.0, 50.0, np.inf), "max_error": (0.01, 0.02, 0.05, 0.1)}
 

@@ -19,10 +19,12 @@ from ..planner.adaptive_samples import frame_error, pixel_errors, pixel_means, p
 from ..planner.engine_choice import MOST_FIRST_SAMPLES
 from ..planner.error_budget import ECLIPSE_SHARE
 from ..planner.frame_plan import FramePlan
-from ..planner.plan import WindowPlan
+from ..planner.plan import UNEVEN, WindowPlan
 from ..planner.request import MAX_SAMPLES
 from ..planner.small_body_grid import MAX_RAYS_ACROSS
 from ..view.regions import Group
+from ..view.view import BodyView
+from .coverage.coverage_image import CoverageImage
 from .coverage.engine import CoverageEngine
 from .coverage.image_cells import ImageCells
 from .raster.gl.context import Context
@@ -31,6 +33,7 @@ from .raster.gl.targets import Target
 from .raster.lens_samples import Bounds, lens_samples
 from .raster.surface_pass import Frame, SurfacePass
 from .rays.engine import RayEngine, draws
+from .settle import SETTLING_SAMPLES, settle
 from .shadow_check import ShadowCheck
 from .small_bodies import SmallBody, add_by_area
 
@@ -115,8 +118,11 @@ class IrradiancePass:
             # Engines may be allowed RMS errors of their own, where other units are asked for.
             if best is None or error * best[1].budget.tolerance < best[2] * window.budget.tolerance:
                 best = mean, window, error
-            is_over = time.monotonic() > deadline and math.isfinite(best[2])
-            if error <= window.budget.tolerance or is_over:
+            if not math.isfinite(best[2]):
+                continue
+            # Where areas are known and rays have settled them, rays alone are no better.
+            is_done = window.engine == "coverage" and not window.by_centroids and math.isfinite(error)
+            if error <= window.budget.tolerance or is_done or time.monotonic() > deadline:
                 break
         return best[:2]
 
@@ -124,7 +130,7 @@ class IrradiancePass:
                      is_last: bool) -> tuple[np.ndarray, WindowPlan, float]:
         """The region's pixels, or a small body's own cells, its plan, and the error that the tolerance is for."""
         if window.engine == "coverage":
-            return self._draw_coverage(window, frame, clock)
+            return self._draw_coverage(group, window, frame, clock, deadline)
         draw = self._draw_grid if window.target != "region" else partial(
             self._draw_sampled, deadline=deadline, is_last=is_last)
         mean, window = draw(group, window, frame, clock)
@@ -143,17 +149,50 @@ class IrradiancePass:
             window = replace(window, flux_error=flux, drawn={**window.drawn, "eclipse": pixels})
         return samples, window
 
-    def _draw_coverage(self, window: WindowPlan, frame: Frame, clock: Clock) -> tuple[np.ndarray, WindowPlan, float]:
+    def _draw_coverage(self, group: Group, window: WindowPlan, frame: Frame, clock: Clock, deadline: float
+                       ) -> tuple[np.ndarray, WindowPlan, float]:
         """Means of the region's cells, its plan, and the error that the tolerance is for.
 
-        Errors are infinite where nothing could be drawn.
+        Where that is exceeded rays settle the cells that err most. Errors are infinite where nothing could be drawn.
         """
-        draw = self._coverage.draw_by_centroids if window.by_centroids else self._coverage.draw
-        means, error = draw(window.bodies, list(frame.views), ImageCells(frame.camera, window.bounds_px, window.grid),
-                            window.budget.after(window.modelling_error))
+        draw = self._coverage.draw_by_centroids if window.by_centroids else partial(
+            self._coverage.draw, has_planes=window.has_planes)
+        budget = window.budget.after(window.modelling_error)
+        made = draw(window.bodies, list(frame.views), ImageCells(frame.camera, window.bounds_px, window.grid), budget)
         clock.lap("surface")
-        judged, drawn = (replace(window, drawn={"boundaries": float(each)}) for each in (error.judged, error.rms))
-        return means.astype(np.float32), drawn, judged.predicted_error
+        if made.squared_of_areas is None or time.monotonic() > deadline:
+            return _made_by_areas(window, made)
+        done = self._settled(group, window, frame, made)
+        if made.softer is not None and done[2] > window.budget.tolerance and time.monotonic() < deadline:
+            done = min(done, self._settled(group, window, frame, made.softer()), key=lambda each: each[2])
+        clock.lap("refine")
+        return done
+
+    def _settled(self, group: Group, window: WindowPlan, frame: Frame, made: CoverageImage
+                 ) -> tuple[np.ndarray, WindowPlan, float]:
+        """The same of an image of areas, whose cells that err most rays settle if the tolerance is exceeded."""
+        done = _made_by_areas(window, made)
+        if done[2] <= window.budget.tolerance or made.squared_of_areas is None:
+            return done
+        uneven, window = window.modelled[UNEVEN], replace(window, modelled={**window.modelled, UNEVEN: 0.0})
+        tolerance, (crease_rad, facets_per_px) = window.budget.left_after(window.modelling_error), window.noise
+        noise = error_model.noise_gain(crease_rad, facets_per_px / SETTLING_SAMPLES**2)
+        settled = settle(made.means, made.squared(uneven), partial(made.most_squared, tolerance),
+                         partial(self._cast_in_cells, window, frame),
+                         noise * error_model.crescent_gain(group.phase_rad), error_model.noise_power(noise))
+        return _made_by_areas(replace(window, refined_samples=settled.samples, refined_share=settled.share),
+                              made.with_cells(settled.means, settled.squared))
+
+    def _cast_in_cells(self, window: WindowPlan, frame: Frame, cells: np.ndarray, n: int) -> np.ndarray:
+        """Light (K, n, n) of n x n rays in each of some cells (K,) of a window's grid."""
+        (columns, rows), (x0, y0, x1, y1) = window.grid, window.bounds_px
+        within = np.arange(n)
+        row, column = (np.broadcast_to(each, (len(cells), n, n)).ravel() for each in (
+            n * (cells // columns)[:, None, None] + within[:, None], n * (cells % columns)[:, None, None] + within))
+        place = np.stack([x0 + (column + 0.5) * (x1 - x0) / (n * columns), y0 + (row + 0.5) * (y1 - y0) / (n * rows)])
+        across = n if window.target == "region" else n * columns
+        return self._rays.irradiance(place.T, frame.camera, _only(window, frame), draws(row, column, across)
+                                     ).reshape(-1, n, n)
 
     def _draw_sampled(self, group: Group, window: WindowPlan, frame: Frame, clock: Clock, deadline: float,
                       is_last: bool) -> tuple[np.ndarray, WindowPlan]:
@@ -288,8 +327,7 @@ class IrradiancePass:
         (columns, rows), (x0, y0, x1, y1) = grid, bounds_px
         x = x0 + (np.arange(columns) + 0.5) * (x1 - x0) / columns
         y = y0 + (np.arange(rows) + 0.5) * (y1 - y0) / rows
-        # Others may still cast shadows here.
-        seen = [replace(view, is_visible=view.is_visible and view.name in window.bodies) for view in frame.views]
+        seen = _only(window, frame)
         # Each pixel has the Sun's disc to itself; a grid of a body's own has it once.
         across = round(columns / (x1 - x0)) if window.target == "region" else columns
         if mask is None:
@@ -302,6 +340,17 @@ class IrradiancePass:
         samples[row, column] = self._rays.irradiance(np.stack([x.take(column), y.take(row)]).T, frame.camera, seen,
                                                      draws(row, column, across))
         return samples
+
+
+def _made_by_areas(window: WindowPlan, made: CoverageImage) -> tuple[np.ndarray, WindowPlan, float]:
+    """Means of a region's cells, its plan, and the error that the tolerance is for."""
+    judged, drawn = (replace(window, drawn={"boundaries": float(each)}) for each in (made.error.judged, made.error.rms))
+    return made.means.astype(np.float32), drawn, judged.predicted_error
+
+
+def _only(window: WindowPlan, frame: Frame) -> list[BodyView]:
+    """All bodies, of which those of a window alone are seen: others may still cast shadows."""
+    return [replace(view, is_visible=view.is_visible and view.name in window.bodies) for view in frame.views]
 
 
 def _shadow_share(window: WindowPlan, frame: Frame) -> float:

@@ -16,9 +16,9 @@ import numpy as np
 from .engine_choice import MAX_SAMPLES
 from .small_body_grid import SAMPLE_COUNTS
 
-# Error of a sample's area over the contrast within 3 x 3 samples: 0.18 as measured against rays
-# (docs/accuracy.md), times 1.3, so that the truth is within.
-_ERROR_PER_CONTRAST = 0.235
+ERROR_PER_CONTRAST = 0.235
+"""Error of a sample's area over the contrast within 3 x 3 samples [1]: 0.18 as measured against rays
+(docs/accuracy.md), times 1.3, so that the truth is within."""
 # Values by which pixels are sorted by their errors.
 _BINS = 256
 
@@ -71,13 +71,19 @@ def pixel_errors(samples: np.ndarray, count: int, noise_gain: float = 1.0,
     high = cv2.dilate(padded, around)
     contrast = cv2.subtract(high, cv2.erode(padded, around, dst=padded), dst=high)[1:-1, 1:-1]
     if count == 1:
-        return samples, noise_gain * _ERROR_PER_CONTRAST * contrast
+        return samples, noise_gain * ERROR_PER_CONTRAST * contrast
     # Each sample errs by its own contrast, on its own: edges give n^-1.5, noise everywhere n^-1.
     # In units of the brightest sample: a square must not underflow.
     scale = float(samples.max()) or 1.0
     contrast *= 1.0 / scale
     squared = pixel_means(np.multiply(contrast, contrast, out=contrast), count)
-    return pixel_means(samples, count), noise_gain * _ERROR_PER_CONTRAST * scale / count * np.sqrt(squared)
+    return pixel_means(samples, count), noise_gain * ERROR_PER_CONTRAST * scale / count * np.sqrt(squared)
+
+
+def contrast(values: np.ndarray) -> np.ndarray:
+    """The range of values (height, width) within 3 x 3."""
+    around = np.ones((3, 3), np.uint8)
+    return cv2.dilate(values, around) - cv2.erode(values, around)
 
 
 def pixel_means(samples: np.ndarray, count: int) -> np.ndarray:

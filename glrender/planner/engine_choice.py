@@ -20,7 +20,7 @@ from ..view.regions import Group
 from ..view.view import BodyView
 from .error_budget import CELL_SHARE, PENUMBRA_SHARE, SAMPLES_SHARE, Budget
 from .error_model import CRESCENT_RAD, facets_per_px, parallel_error, ray_rounding_error
-from .plan import CENTROIDS, ONE_DIRECTION, SLIVERS, BodyPlan, Target, WindowPlan
+from .plan import CENTROIDS, ONE_DIRECTION, SLIVERS, UNEVEN, BodyPlan, Target, WindowPlan
 from .request import MAX_SAMPLES, Request
 from .seen import Seen
 from .small_body_grid import CELL_PX, MAX_RAYS_ACROSS, cell_error, cell_size, samples_across, sampling_errors
@@ -51,6 +51,11 @@ _FIRST_SAMPLES = 2
 _MORE_SAMPLES = 4
 # RMS distance from the centroid of an equilateral triangle over the root of its area [1]: 0.31 along each axis.
 _UNEVEN_FACET = 0.44
+# Displacement of a facet's light [px] from which its radiance varies linearly: a thirtieth of the centre that is asked
+# for by those who ask for most.
+_MOST_UNEVEN_PX = 0.01
+# Relative change of the radiance with the direction of view [1/rad] up to which a plane holds it: highlights have more.
+_SMOOTH_PER_RAD = 3.0
 # Variation of a pixel's solid angle within it over its angle [1]: above 3 tan(theta) / sqrt(12), off the boresight.
 _UNEVEN_PIXEL = 0.3
 # Error of the flux [1] times the cube of the angle from a phase of 180 deg [rad^3]: a rough binary at 165, 172, 175 deg
@@ -184,7 +189,14 @@ class _Part:
         if engine != "raster":
             always["rounding"] = max(ray_rounding_error(body.view, body.traits) for body in self.bodies)
         return WindowPlan(bodies=self.group.names, engine=engine, budget=budget, roi=self.group.roi,
-                          target=self.target, modelled={**modelled, **always}, **fields)
+                          target=self.target, modelled={**modelled, **always}, noise=self.noise(engine), **fields)
+
+    def noise(self, engine: str) -> tuple[float, float]:
+        """RMS angle between neighbouring facets [rad], and facets a pixel: `WindowPlan.noise`."""
+        if engine != "raster" and any(body.penumbra.own_px > 1.0 for body in self.bodies):
+            return _PENUMBRA_NOISE
+        return (max(body.traits.crease_rad for body in self.bodies),
+                max(facets_per_px(body.view, body.traits.n_facets) for body in self.bodies))
 
 
 def _target(group: Group, request: Request, apart_px: float) -> Target:
@@ -228,7 +240,12 @@ def _coverage(part: _Part) -> list[WindowPlan]:
     tolerance = budget.tolerance
     if group.outline is None or any(not math.isfinite(body.traits.facet_m) or body.detail_layers for body in bodies):
         return []
-    modelled = {"uneven facets": max(_unevenness(body, request.camera) for body in bodies)}
+    is_smooth = request.camera.lens_map is None and max(
+        body.traits.view_slope(body.view.phase_rad) for body in bodies) <= _SMOOTH_PER_RAD
+    has_planes = is_smooth and max(_uneven_px(body, request.camera) for body in bodies) > _MOST_UNEVEN_PX
+    modelled = {UNEVEN: max(_unevenness(body, request.camera, has_planes) for body in bodies)}
+    if not has_planes and modelled[UNEVEN] > PENUMBRA_SHARE * tolerance and part.target == "region":
+        return []
     where = part.whole(1)
     if part.target != "region":
         several = _SEVERAL_CELLS if len(bodies) > 1 else 1.0
@@ -240,13 +257,13 @@ def _coverage(part: _Part) -> list[WindowPlan]:
             (x0, y0, x1, y1), grid = where["bounds_px"], where["grid"]
             modelled["cells"] = several * cell_error(max((x1 - x0) / grid[0], (y1 - y0) / grid[1]), group.phase_rad)
     # A few points of the Sun's disc do not tell how much of it is left of a body within another's penumbra.
-    if math.hypot(*modelled.values()) > PENUMBRA_SHARE * tolerance or part.is_in_penumbra(budget):
+    if modelled.get("cells", 0.0) > PENUMBRA_SHARE * tolerance or part.is_in_penumbra(budget):
         return []
     # Light falls in slivers far smaller than facets: what none of their corners sees is lost.
     below_rad = min((math.pi - body.view.phase_rad for body in bodies if not body.traits.is_convex), default=math.inf)
     # No point spread function averages what the flux loses.
     modelled[SLIVERS] = _CRESCENT_LOSS / max(below_rad, 1e-3) ** 3 / budget.flux_share
-    clipped = part.window("coverage", budget, modelled, flux_error=part.hard_flux, **where)
+    clipped = part.window("coverage", budget, modelled, flux_error=part.hard_flux, has_planes=has_planes, **where)
     half_rad = min(0.5 * group.phase_rad, 1.5)
     least = CENTROIDS_LEAST * max(math.tan(half_rad) / math.tan(math.radians(30.0)), 1.0) ** _CENTROIDS_POWER
     view, traits, allowed = bodies[0].view, bodies[0].traits, request.budget(group, "centroids")
@@ -254,20 +271,29 @@ def _coverage(part: _Part) -> list[WindowPlan]:
                  "hard edges": max(body.penumbra.hard_error for body in bodies)}
     is_too_much = math.hypot(*modelled.values()) > PENUMBRA_SHARE * allowed.tolerance
     # Where bodies hide or shade each other facets are clipped at the edges anyway.
-    if (is_too_much or len(bodies) > 1 or bodies[0].casters or not traits.has_centroids
+    if (is_too_much or has_planes or len(bodies) > 1 or bodies[0].casters or not traits.has_centroids
             or facets_per_px(view, traits.n_facets) < _LEAST_FACETS_PER_PX
             or view.phase_rad + traits.radius_m / view.range_m > _CENTROIDS_RAD):
         return [clipped]
     return [part.window("coverage", allowed, modelled, by_centroids=True, flux_error=part.hard_flux, **where), clipped]
 
 
-def _unevenness(body: Seen, camera: PinholeCamera) -> float:
-    """RMS variation [1] of the light of a facet, and of a pixel, about that of its middle."""
-    view, traits = body.view, body.traits
-    facet = _UNEVEN_FACET * traits.view_slope(view.phase_rad) * traits.facet_m / view.depth_m[0]
-    pixel = (3.0 * _off_axis(view, camera) / camera.focal_length_px if camera.lens_map is None
-             else camera.lens_map.unevenness_per_px(view.bounds_px))
-    return math.hypot(facet, _UNEVEN_PIXEL * pixel)
+def _unevenness(body: Seen, camera: PinholeCamera, has_planes: bool) -> float:
+    """RMS variation [1] of the light of a facet, unless it is drawn as a plane, and of a pixel, about their middles."""
+    pixel = (3.0 * _off_axis(body.view, camera) / camera.focal_length_px if camera.lens_map is None
+             else camera.lens_map.unevenness_per_px(body.view.bounds_px))
+    return math.hypot(0.0 if has_planes else _UNEVEN_FACET * _change(body), _UNEVEN_PIXEL * pixel)
+
+
+def _uneven_px(body: Seen, camera: PinholeCamera) -> float:
+    """Displacement [px] of the light of a facet, if it is as bright all over as its centroid."""
+    facet_px = body.traits.facet_m / body.view.depth_m[0] * camera.focal_length_px
+    return _change(body) * facet_px / 12.0
+
+
+def _change(body: Seen) -> float:
+    """Relative change of the radiance [1] along a side of a facet."""
+    return body.traits.view_slope(body.view.phase_rad) * body.traits.facet_m / body.view.depth_m[0]
 
 
 def _rays(part: _Part) -> list[WindowPlan]:
@@ -314,11 +340,7 @@ def _sampled(engine: str, part: _Part, modelled: Mapping[str, float], *, eclipse
                            for view, traits, noise in eclipsed)
             most = MAX_RAYS_ACROSS / group.size_px if engine == "rays" else MAX_SAMPLES
             count = max(count, math.ceil(min(n_across / group.size_px, most)))
-    noise = (max(body.traits.crease_rad for body in part.bodies),
-             max(facets_per_px(body.view, body.traits.n_facets) for body in part.bodies))
-    if engine == "rays" and any(body.penumbra.own_px > 1.0 for body in part.bodies):
-        noise = _PENUMBRA_NOISE
-    return window(budget, modelled, noise=noise, **part.whole(count))
+    return window(budget, modelled, **part.whole(count))
 
 
 def _first_samples(engine: str, part: _Part) -> int:

@@ -97,13 +97,13 @@ def penumbra_of(view: BodyView, cast: Sequence[tuple[str, np.ndarray]], hulls: M
                     eclipse_px=width_m / view.footprint_m, left=left)
 
 
-def sun_points(error: float, tolerance: float) -> tuple[int, float] | None:
-    """The fewest points of the Sun's disc by which a penumbra's error [1] fits a tolerance; None where none do.
+def sun_points(error: float, tolerance: float) -> tuple[int, float]:
+    """The fewest points of the Sun's disc by which a penumbra's error [1] fits a tolerance, or the most.
 
     And the share [1] of the error that they leave.
     """
-    return next(((n_points, share) for n_points, share in SUN_POINTS if share * error <= PENUMBRA_SHARE * tolerance),
-                None)
+    return next(((n_points, share) for n_points, share in ((1, 1.0), *SUN_POINTS)
+                 if share * error <= PENUMBRA_SHARE * tolerance), SUN_POINTS[-1])
 
 
 def _own(view: BodyView) -> tuple[float, float]:

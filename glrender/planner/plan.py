@@ -18,6 +18,8 @@ Target = Literal["region", "own_grid", "point"]
 _MOST_LINES = 10
 ONE_DIRECTION, SLIVERS, CENTROIDS = "one direction to the Sun", "slivers", "centroids"
 """The cause of error that no point spread function averages, and of which all of a body's light errs."""
+UNEVEN = "uneven facets"
+"""The cause of error that rays may cure in the pixels that they settle."""
 EMISSION_LEFT_OUT = "emission around"
 """How a plan begins to say that light which no surface scatters is not in the image."""
 
@@ -79,14 +81,16 @@ class WindowPlan:
         RMS errors of the drawing, by cause, once it is drawn; likewise.
     by_centroids : bool
         Of coverage: whether each facet is lit or dark by its centroid, or clipped at shadow boundaries.
+    has_planes : bool
+        Of coverage: whether the radiance of a facet varies linearly, or is that of its centroid.
     shadow_share : float [1]
         Of one sample's squared error, what the shadow map's texels leave.
     noise : (float, float) [rad], [1]
         RMS angle between neighbouring facets, and facets a pixel: arguments of `error_model.noise_gain`.
     refined_samples : int
-        Samples along the side of the pixels that were drawn again; 0 for none.
+        Samples along the side of the pixels that were drawn again, by rays where coverage drew first; 0 for none.
     refined_share : float [1]
-        Of the region's pixels, those that were drawn again.
+        Of the region's pixels or cells, those that were drawn again.
     eclipse_px : float [px]
         Width of the widest penumbra of another body that its rays meet; 0 for none.
     flux_error : float [1]
@@ -106,6 +110,7 @@ class WindowPlan:
     modelled: Mapping[str, float] = field(default_factory=dict)
     drawn: Mapping[str, float] = field(default_factory=dict)
     by_centroids: bool = False
+    has_planes: bool = False
     shadow_share: float = 0.0
     noise: tuple[float, float] = (0.0, 0.0)
     refined_samples: int = 0
@@ -134,7 +139,8 @@ class WindowPlan:
         """How it is drawn, in words."""
         if self.engine == "coverage":
             how = "lit or dark by their centroids" if self.by_centroids else "clipped at shadow boundaries"
-            return f"exact area coverage, facets {how}"
+            settled = f", {100.0 * self.refined_share:.2g} % of the pixels by rays" if self.refined_share else ""
+            return f"exact area coverage, facets {how}{settled}"
         name = {"rays": "rays", "raster": "OpenGL"}[self.engine]
         grid = f"a grid of {self.grid[0]} x {self.grid[1]}" if self.target != "region" else \
             f"{self.samples} x {self.samples} samples a pixel"

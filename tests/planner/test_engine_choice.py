@@ -57,7 +57,7 @@ CROWDED = traits(n_facets=3_000_000, facet_m=0.1)
     ([view(size_px=20.0)], CROWDED, {}, ["rays", "centroids", "coverage"]),
     ([view(size_px=20.0)], traits(n_facets=99_000), {"tolerance": 0.005}, ["coverage", "rays"]),
     (NEAR, UNEVEN, {}, ["raster", "rays"]),
-    (NEAR, LARGE, {}, ["raster", "rays"]),
+    (NEAR, LARGE, {}, ["coverage", "rays"]),
     (NEAR, traits(facet_m=300.0), {}, ["centroids", "coverage", "rays"]),
     (BESIDE, traits(), {"tolerance": 0.1}, ["raster", "rays"]),
     (BESIDE, traits(), {"tolerance": 2e-4}, ["rays"]),
@@ -157,7 +157,7 @@ def test_a_small_body_has_a_grid_of_its_own():
 @pytest.mark.parametrize("phase_deg", [20.0, 90.0, 120.0])
 def test_cells_leave_coverage_most_of_the_tolerance(size_px, phase_deg):
     """Or coverage is not planned: it would be drawn for nothing."""
-    planned = [options[0].modelling_error / tolerance for tolerance in (1e-4, 1e-3, 0.01, 0.1)
+    planned = [options[0].modelled["cells"] / tolerance for tolerance in (1e-4, 1e-3, 0.01, 0.1)
                for options in ways([view(size_px=size_px, phase_deg=phase_deg)], tolerance=tolerance)
                if options[0].engine == "coverage"]
     assert len(planned) >= 2 and max(planned) <= 0.9

@@ -53,8 +53,8 @@ def test_shares_that_stand_side_by_side_leave_the_drawing_its_least():
 def test_the_parts_of_random_windows_are_within_the_tolerance():
     """1000 bodies at random: what is modelled leaves the drawing its least, and a small body's own samples fit as well.
 
-    Slivers of light near a phase of 180 deg may exceed it in clipped coverage, which then is not drawn but for lack of
-    anything better; and a small body's grid that is as fine as any.
+    Slivers of light near a phase of 180 deg and uneven facets, which rays settle, may exceed it in clipped coverage;
+    and a small body's grid that is as fine as any.
     """
     rng, n_whole, n_own = np.random.default_rng(54), 0, 0
     for _ in range(1000):
@@ -67,11 +67,12 @@ def test_the_parts_of_random_windows_are_within_the_tolerance():
         planned = seen(member, known, penumbra=Penumbra(hard_error=10.0 ** rng.uniform(-4.0, -1.0)))
         gain = rng.uniform(0.2, 1.0)
         for option in ways([planned], gain * tolerance, ImageUse(error_gain=gain))[0]:
-            others = [error for cause, error in option.modelled.items() if cause != "slivers"]
+            others = [error for cause, error in option.modelled.items() if cause not in ("slivers", "uneven facets")]
             if option.engine != "raster":
                 assert math.hypot(*others) <= ROOM * option.budget.tolerance, option
             if option.modelling_error > option.budget.tolerance:
-                assert option.how == "coverage" and option.modelled["slivers"] > 0.5 * option.budget.tolerance, option
+                most = max(option.modelled["slivers"], option.modelled["uneven facets"])
+                assert option.how == "coverage" and most > 0.5 * option.budget.tolerance, option
             elif "samples" in option.drawn and max(option.grid) < MAX_RAYS_ACROSS:
                 assert option.predicted_error <= option.budget.tolerance * (1.0 + 1e-9), option
                 n_own += 1

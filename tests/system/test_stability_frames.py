@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import sweeps
@@ -52,6 +54,7 @@ def test_a_camera_inside_the_bounding_sphere(phase_deg):
 def test_the_plan_tells_what_was_drawn_where_rays_took_over():
     """At 100 deg the first pass tells that no map is fine enough: neither maps nor hard edges are in the image."""
     scene, state = _beside_the_neck(100.0)
+    scene = replace(scene, bodies=[replace(body, smooth_normals=True) for body in scene.bodies])
     with Renderer(scene) as renderer:
         plan = renderer.render(state, max_error=0.02).plan
         fixed = renderer.render(state, samples=2).plan

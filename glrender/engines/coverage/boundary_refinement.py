@@ -6,16 +6,15 @@ small triangle. Where another body or a far part may hide light between corners 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from ...planner.error_budget import MISSED_SHARE, UNDIVIDED_SHARE
-from . import outlines, sunlit_error
-from .boundary_clip import Polygons
+from . import sunlit_error
 from .corner_visibility import FEW, CornerVisibility
-from .image_cells import ImageCells
 from .sub_triangles import FacetParts
+from .sunlit_areas import SunlitAreas
 from .sunlit_error import CLIPPED_ERROR, pixels_squared
 
 # Bisections by which ends of cuts are found.
@@ -35,58 +34,8 @@ _MOST_DIVISIONS = 6
 _MANY = 120_000
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class SunlitAreas:
-    """The sunlit areas of one body that a camera sees.
-
-    Attributes
-    ----------
-    seen : CornerVisibility
-        The body, whose cutter has the points.
-    whole : (W,) int
-        Facets that are lit as a whole.
-    polygons : list of ((K, M) int, (M,) int)
-        Lit parts of others.
-    clipped : FacetParts
-        Parts that a boundary crosses; some polygons are their lit rest.
-    squared : float
-        Their squared error: `sunlit_error`.
-    bias : float
-        Light that is missing from all alike: an error of the total light.
-    """
-
-    seen: CornerVisibility
-    whole: np.ndarray
-    polygons: list[Polygons]
-    clipped: FacetParts
-    squared: float
-    bias: float
-
-    def add_to(self, changes: np.ndarray, cells: ImageCells, is_even: bool) -> None:
-        """Add what the areas change in the cells of an image: `accumulate`.
-
-        The real part is of radiance, in 1/sr of the Sun's irradiance at 1 au, if asked for times the
-        solid angle of a pixel at the facet over that on the boresight; the imaginary one is of cover, which is 1 where
-        there is any.
-
-        Parameters
-        ----------
-        changes : (rows, columns + 2) complex128
-        cells : ImageCells
-        is_even : bool
-            Whether radiance has the solid angle.
-        """
-        seen = self.seen
-        radiance = np.zeros(seen.facets.n_facets)
-        radiance[self.whole] = seen.radiance.times_solid_angle(self.whole, is_even, cells.camera)
-        outlines.add_facets(changes, cells, seen.facets, seen.view, seen.xy_px, radiance)
-        outlines.add_polygons(changes, cells, seen.view, seen.cutter.points.r_m, [
-            (corner, seen.radiance.times_solid_angle(facet, is_even, cells.camera) + 1j)
-            for corner, facet in self.polygons])
-
-
-def find_areas(seen: CornerVisibility, most_squared: float, flux_weight: float) -> SunlitAreas | None:
-    """Clip facets, and divide them before, until the squared error is small enough.
+def find_areas(seen: CornerVisibility, most_squared: float, flux_weight: float) -> SunlitAreas:
+    """Clip facets, and divide them before, until the squared error is small enough, or no more are divided.
 
     Parameters
     ----------
@@ -95,34 +44,28 @@ def find_areas(seen: CornerVisibility, most_squared: float, flux_weight: float) 
         The largest squared error.
     flux_weight : float
         Weight of the squared bias in it.
-
-    Returns
-    -------
-    SunlitAreas or None
-        None if too much light is in too few facets.
     """
-    seen = _divide_large(seen, most_squared)
-    if seen is None:
-        return None
+    seen, large = _divide_large(seen, most_squared)
     triangles, lit, whole = seen.boundary, [], seen.whole
     squared = float(seen.squared_light(triangles).sum())
     bias = sunlit_error.clipped_bias(seen.radiance.of(triangles.facet) * triangles.area_px)
     missed = sunlit_error.missed(squared / seen.safety_squared, seen.facets.crease_rad, seen.view.phase_rad)
     behind = _missed_behind(seen)
-    error = CLIPPED_ERROR * squared + missed + behind
+    between = behind + CLIPPED_ERROR * float(seen.squared_light(large).sum())
+    error = CLIPPED_ERROR * squared + missed + between
     if error + flux_weight * bias**2 > most_squared:
         if not seen.is_alone or missed > MISSED_SHARE * most_squared:
-            beside = _beside(seen)
+            beside = seen.beside_boundary()
             whole = np.setdiff1d(whole, beside.facet)
             done, triangles, missed = _divide_with_beside(seen, beside, missed,
-                                                          MISSED_SHARE * most_squared - behind)
+                                                          MISSED_SHARE * most_squared - between)
             lit.append(done)
-        done, triangles, error = _divide(seen, triangles, missed + behind, most_squared)
+        done, triangles, error = _divide(seen, triangles, missed + between, most_squared)
         lit, bias = lit + done, 0.0
     polygons = [(each.corner, each.facet) for each in lit] + seen.cutter.cut_off(triangles, _BISECTIONS)
     uniform, _ = seen.cutter.sorted(seen.uniform)
     return SunlitAreas(seen=seen, whole=whole, polygons=[*polygons, (uniform.corner, uniform.facet)],
-                       clipped=triangles, squared=error, bias=bias)
+                       clipped=triangles, large=large, missed=missed, behind=behind, squared=error, bias=bias)
 
 
 def _missed_behind(seen: CornerVisibility) -> float:
@@ -132,16 +75,6 @@ def _missed_behind(seen: CornerVisibility) -> float:
     facet = np.concatenate([seen.whole, seen.uniform.facet])
     area_px = np.concatenate([seen.facet_px(seen.whole), seen.uniform.area_px])
     return sunlit_error.missed_behind(pixels_squared(seen.radiance.of(facet), area_px))
-
-
-def _beside(seen: CornerVisibility) -> FacetParts:
-    """Facets that touch those that a boundary crosses."""
-    facets, facing = seen.facets, seen.facing
-    is_boundary, touched = np.zeros(facets.n_facets, bool), np.zeros(facets.vertices_m.shape[1], bool)
-    is_boundary[seen.boundary.facet] = True
-    touched[facets.corners[:, is_boundary]] = True
-    return seen.parts_of(np.flatnonzero(~is_boundary.take(facing) & touched.take(
-        facets.corners.take(facing, axis=1)).any(axis=0)))
 
 
 def _divide_with_beside(seen: CornerVisibility, beside: FacetParts, missed: float, most_left: float
@@ -184,14 +117,14 @@ def _divide(seen: CornerVisibility, triangles: FacetParts, missed: float, most_s
     return lit, FacetParts.joined([*left, triangles]), error
 
 
-def _divide_large(seen: CornerVisibility, most_squared: float) -> CornerVisibility | None:
+def _divide_large(seen: CornerVisibility, most_squared: float) -> tuple[CornerVisibility, FacetParts]:
     """Divide facets that have more light than may be missed, few facets sooner: parts find light between corners.
 
-    None if some are left.
+    And the parts whose corners agree that would have to be divided further.
     """
     cutter = seen.cutter
     if cutter.is_free:
-        return seen
+        return seen, FacetParts.none()
     least = _LARGE if len(seen.facing) <= FEW else _LARGE_OF_MANY
     # A sheet that turns its back to the camera shades unseen, as another body may.
     always = _LARGE_OF_MANY if seen.is_alone and not seen.facets.solid.has_backs else least
@@ -206,15 +139,15 @@ def _divide_large(seen: CornerVisibility, most_squared: float) -> CornerVisibili
     facet = seen.facing[large]
     large = large[are_large(facet, area_px[large], seen.radiance.of(facet), least)]
     if not len(large):
-        return seen
+        return seen, FacetParts.none()
     parts = seen.parts_of(large)
     is_large = np.zeros(seen.facets.n_facets, bool)
     is_large[parts.facet] = True
     boundary = seen.boundary.at(np.flatnonzero(~is_large.take(seen.boundary.facet)))
     small = []
     for _ in range(_MOST_DIVISIONS):
-        if len(parts.facet) > _MANY:
-            return None
+        if not 0 < len(parts.facet) <= _MANY:
+            break
         parts = cutter.quarters(parts)
         # A boundary that passes between corners that agree goes on in a neighbouring part whose corners differ, but
         # for those that another body, or a far part, makes in the middle of a facet.
@@ -226,13 +159,10 @@ def _divide_large(seen: CornerVisibility, most_squared: float) -> CornerVisibili
             is_beside.take(parts.corner).any(axis=0) | are_large(*light, always))
         small.append(parts.at(np.flatnonzero(~goes_on)))
         parts = parts.at(np.flatnonzero(goes_on))
-        if not len(parts.facet):
-            break
-    else:
-        return None
-    small = FacetParts.joined(small)
+    small = FacetParts.joined([*small, parts])
     is_boundary = cutter.are_mixed(small)
-    return replace(seen, whole=seen.whole[~is_large.take(seen.whole)], facing=np.delete(seen.facing, large),
+    seen = replace(seen, whole=seen.whole[~is_large.take(seen.whole)], facing=np.delete(seen.facing, large),
                    corner=np.delete(seen.corner, large, axis=-1),
                    boundary=FacetParts.joined([boundary, small.at(np.flatnonzero(is_boundary))]),
                    uniform=small.at(np.flatnonzero(~is_boundary)))
+    return seen, parts.at(np.flatnonzero(~cutter.are_mixed(parts)))

@@ -101,12 +101,22 @@ class CornerVisibility:
         facet = self.facing.take(chosen)
         return FacetParts(self.corner.take(chosen, axis=1), facet, self.facet_px(facet))
 
+    def beside_boundary(self) -> FacetParts:
+        """Facets that touch those that a boundary crosses."""
+        facets = self.facets
+        is_boundary, touched = np.zeros(facets.n_facets, bool), np.zeros(facets.vertices_m.shape[1], bool)
+        is_boundary[self.boundary.facet] = True
+        touched[facets.corners[:, is_boundary]] = True
+        return self.parts_of(np.flatnonzero(~is_boundary.take(self.facing) & touched.take(
+            facets.corners.take(self.facing, axis=1)).any(axis=0)))
+
     def squared_light(self, parts: FacetParts) -> np.ndarray:
         """Squared light (N,) of parts with the safety factor: errors are in proportion to it."""
         return self.safety_squared * sunlit_error.pixels_squared(self.radiance.of(parts.facet), parts.area_px)
 
-    def hard_edges(self, rays: RayEngine, views: list[BodyView], focal_length_px: float) -> float:
-        """Squared error of hard edges of shadows in place of penumbras.
+    def hard_edges(self, rays: RayEngine, views: list[BodyView], focal_length_px: float
+                   ) -> tuple[FacetParts, np.ndarray, float]:
+        """Parts with hard edges of shadows in place of penumbras, their squared errors (N,), and the mean width [px].
 
         A penumbra is as wide as the Sun's angle times the distance of what shades, along the edges in facets whose
         corners differ; wider where the Sun is low.
@@ -114,14 +124,15 @@ class CornerVisibility:
         parts, view, points = self.boundary, self.view, self.cutter.points
         is_dark = (points.is_seen & ~points.is_lit).take(parts.corner)
         chosen = np.flatnonzero(is_dark.any(axis=0))
-        corner = np.argmax(is_dark[:, chosen], axis=0)
-        r_body_m, facet = points.r_m.take(parts.corner[corner, chosen], axis=1), parts.facet.take(chosen)
-        range_m = rays.shade_ranges(r_body_m, self.facets.number.take(facet), view, views)
+        corner, parts = np.argmax(is_dark[:, chosen], axis=0), parts.at(chosen)
+        r_body_m = points.r_m.take(parts.corner[corner, np.arange(len(chosen))], axis=1)
+        range_m = rays.shade_ranges(r_body_m, self.facets.number.take(parts.facet), view, views)
         depth_m = dot(view.camera_from_body[2], r_body_m - view.r_camera_body_m[:, None])
         angle = 2.0 * view.sun_radius_rad
         wide_px = (np.where(np.isfinite(range_m), range_m.clip(0.0), 0.0) * angle * focal_length_px
-                   / (depth_m * np.sqrt(np.maximum(self.radiance.cos_incidence(facet), angle))))
-        return sunlit_error.hard_edges(self.radiance.of(facet), parts.area_px.take(chosen), wide_px)
+                   / (depth_m * np.sqrt(np.maximum(self.radiance.cos_incidence(parts.facet), angle))))
+        squared = sunlit_error.hard_edges(self.radiance.of(parts.facet), parts.area_px, wide_px)
+        return parts, squared, float((squared * wide_px).sum()) / max(float(squared.sum()), 1e-300)
 
     def low_sun(self) -> tuple[float, float]:
         """Squared error, and light, of facets that part of the Sun's disc lights: `sunlit_error.low_sun`."""
@@ -130,6 +141,13 @@ class CornerVisibility:
         angle, cosines = self.view.sun_radius_rad, self.radiance.cos_incidence(facet)
         brdf = self.radiance.of(facet) / np.maximum(cosines, 1e-9 * angle)
         return sunlit_error.low_sun(brdf, cosines, area_px, angle, self.set_px, self.area_px)
+
+    def in_low_sun(self) -> np.ndarray:
+        """Facets (N,) that face the camera, and are lit by part of the Sun's disc."""
+        facets, view = self.facets, self.view
+        cosines = dot(facets.normal, view.sun_direction_body[:, None])
+        return np.flatnonzero((np.abs(cosines) < view.sun_radius_rad) & (
+            dot(facets.normal, view.r_camera_body_m[:, None]) > facets.offset_m))
 
 
 def look(facets: FacetTables, view: BodyView, views: list[BodyView], cells: ImageCells, rays: RayEngine,

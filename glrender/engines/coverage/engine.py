@@ -6,7 +6,6 @@ shadows are found by rays here. Duff (1989), Polygon scan conversion by exact co
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -14,7 +13,7 @@ import cv2
 import numpy as np
 
 from ...planner.engine_choice import CENTROIDS_LEAST
-from ...planner.error_budget import CELL_SHARE, FLUX_SHARE, OVERLAPS_LEFT, PENUMBRA_SHARE, Budget
+from ...planner.error_budget import CELL_SHARE, FLUX_SHARE, LEAST_LEFT, OVERLAPS_LEFT, PENUMBRA_SHARE, Budget
 from ...planner.penumbra import sun_points
 from ...scene.scene import Scene
 from ...scene.shape.shape import Shape
@@ -28,6 +27,7 @@ from .boundary_refinement import find_areas
 from .brdf_tables import BrdfTables
 from .centroid_visibility import CentroidVisibility
 from .corner_visibility import look
+from .coverage_image import CoverageImage, LookedAt, overlapping, squared_errors
 from .facet_tables import FacetTables
 from .image_cells import ImageCells
 from .sub_triangles import projected
@@ -36,6 +36,8 @@ from .sunlit_error import NOTHING_DRAWN, CoverageError, ErrorScale
 # The part of what overlaps that is taken off a closed surface that is alone [1]: as much is missing where its facets
 # are clipped too small (tests/engines/coverage/test_coverage_engine.py).
 _EXCESS = 0.5
+# Mean width [px] of penumbras that reach beyond the facets in which their edges are: rays draw all of the image.
+_WIDE_PX = 3.0
 # Cells that a facet covers, below which it is far smaller than one.
 _FINE = 0.15
 
@@ -65,13 +67,12 @@ class CoverageEngine:
         """Release the tables."""
         self._facets.clear()
 
-    def draw(self, names: Sequence[str], views: list[BodyView], cells: ImageCells, budget: Budget
-             ) -> tuple[np.ndarray, CoverageError]:
-        """Means over cells (rows, columns) float64 [W/m2 per pixel], and their estimated error.
+    def draw(self, names: Sequence[str], views: list[BodyView], cells: ImageCells, budget: Budget,
+             has_planes: bool = False) -> CoverageImage:
+        """Means over cells, and their estimated error.
 
-        Facets are clipped where their visible, sunlit part ends. Nothing is drawn, and the error is infinite, where
-        rays have to look: no corner of facets that face Sun and camera is lit, too few facets have too much of the
-        light, or hard edges in place of penumbras cost more than the tolerance allows.
+        Facets are clipped where their visible, sunlit part ends. Where hard edges in place of penumbras cost more than
+        the tolerance allows, the image is the mean of those of a few points of the Sun's disc.
 
         Parameters
         ----------
@@ -82,28 +83,29 @@ class CoverageEngine:
         cells : ImageCells
         budget : Budget
             Errors that the drawing may have.
+        has_planes : bool
+            Whether the radiance of a facet varies linearly, or is that of its centroid.
         """
-        means, error, penumbra = self._clipped(names, views, cells, budget, self._scene.sun_disc)
-        if penumbra.judged <= PENUMBRA_SHARE * budget.tolerance:
-            return means, error
-        points = sun_points(penumbra.judged, budget.tolerance)
-        if points is None:
-            return means, NOTHING_DRAWN
-        n_points, share = points
-        left = budget.after(share * penumbra.judged)
-        sums, errors = np.zeros(cells.shape), []
-        for point in on_disc(n_points):
-            means, error, _ = self._clipped(names, lit_from(views, point), cells, left, False)
-            if math.isinf(error.judged):
-                return means, error
-            sums += means
-            errors.append(error)
-        return sums / n_points, CoverageError(*(
-            math.hypot(sum(of_points) / n_points, share * at_once)
-            for of_points, at_once in zip(zip(*errors, strict=True), penumbra, strict=True)))
+        looked = self._look(names, views, cells, budget, self._scene.sun_disc)
+        penumbra = looked.penumbra.judged
+        n_points, share = sun_points(penumbra, budget.tolerance)
+        if n_points == 1:
+            return self._clipped(looked, cells, budget, has_planes)
+        left = budget.after(share * penumbra)
+
+        def softer() -> CoverageImage:
+            return CoverageImage.mean([
+                self._clipped(self._look(names, lit_from(views, point), cells, left, False), cells, left, has_planes)
+                for point in on_disc(n_points)], looked, share, cells)
+
+        if share * penumbra <= PENUMBRA_SHARE * budget.tolerance:
+            return softer()
+        if looked.wide_px > _WIDE_PX:
+            return CoverageImage.dark(cells, NOTHING_DRAWN)
+        return replace(self._clipped(looked, cells, budget, has_planes), softer=softer)
 
     def draw_by_centroids(self, names: Sequence[str], views: list[BodyView], cells: ImageCells, budget: Budget
-                          ) -> tuple[np.ndarray, CoverageError]:
+                          ) -> CoverageImage:
         """The same of one body that no other hides or shades, with each facet lit or dark by its centroid.
 
         The error is estimated before anything is drawn; nothing is drawn, and it is infinite, where it exceeds the
@@ -113,13 +115,14 @@ class CoverageEngine:
         facets = self._facets[view.name]
         rms, flux = self._brdf_tables.errors(facets.surface, view, facets.solid.radius_m)
         if rms > CELL_SHARE * budget.tolerance or flux > max(CELL_SHARE * budget.flux, CENTROIDS_LEAST):
-            return np.zeros(cells.shape), NOTHING_DRAWN
+            return CoverageImage.dark(cells, NOTHING_DRAWN)
         body = CentroidVisibility(facets, view, cells, self._rays, self._brdf_tables, budget.flux_share)
         if body.error.judged > budget.tolerance:
-            return np.zeros(cells.shape), NOTHING_DRAWN
+            return CoverageImage.dark(cells, NOTHING_DRAWN)
         changes = accumulate.no_changes(cells.shape)
         body.add_to(changes, cells)
-        return cells.light(changes, self._scene.solar_irradiance_of(cells.camera))[0], body.error
+        means, *_ = cells.light(changes, self._scene.solar_irradiance_of(cells.camera))
+        return CoverageImage(means=means, error=body.error)
 
     def may_be_lit(self, names: Sequence[str], views: list[BodyView], cells: ImageCells) -> np.ndarray | None:
         """Cells (rows, columns) uint8 that a facet touches which faces the camera and any of the Sun's disc.
@@ -131,48 +134,53 @@ class CoverageEngine:
             return None
         return _may_be_lit([(self._facets[view.name], view) for view in members], cells, self._scene.sun_disc)
 
-    def _clipped(self, names: Sequence[str], views: list[BodyView], cells: ImageCells, budget: Budget,
-                 has_disc: bool) -> tuple[np.ndarray, CoverageError, CoverageError]:
-        """Means with hard edges of shadows, their error, and what hard edges cost if the Sun has a disc.
-
-        Nothing is drawn if that is too much.
-        """
-        dark, no_error = np.zeros(cells.shape), CoverageError(0.0, 0.0)
+    def _look(self, names: Sequence[str], views: list[BodyView], cells: ImageCells, budget: Budget, has_disc: bool
+              ) -> LookedAt:
+        """The bodies by the visibility of their corners, and the cost of hard edges if the Sun has a disc."""
         members = [view for view in views if view.name in names and view.is_visible]
         bodies = [look(self._facets[view.name], view, views, cells, self._rays,
                        view.sun_radius_rad if has_disc else 0.0) for view in members]
-        light, n_px = sum(body.light for body in bodies), sum(body.area_px for body in bodies)
-        if not light > 0.0:
-            # Light between corners that are all dark is for rays to find.
-            return dark, NOTHING_DRAWN if any(body.has_facing for body in bodies) else no_error, no_error
-        scale = ErrorScale(light=light, n_px=n_px, phase_rad=max(view.phase_rad for view in members),
-                           flux_share=budget.flux_share)
-        scales = scale, replace(scale, flux_share=FLUX_SHARE)
-        penumbras = [0.0 for _ in scales]
-        if has_disc:
-            hard = sum(body.hard_edges(self._rays, views, cells.camera.focal_length_px) for body in bodies)
+        scale = ErrorScale(light=sum(body.light for body in bodies), n_px=sum(body.area_px for body in bodies),
+                           phase_rad=max(view.phase_rad for view in members), flux_share=budget.flux_share)
+        hard, low = [], []
+        if has_disc and scale.light > 0.0:
+            hard = [body.hard_edges(self._rays, views, cells.camera.focal_length_px) for body in bodies]
             low = [body.low_sun() for body in bodies]
-            penumbras = [each.of_penumbras(hard, low) for each in scales]
-        penumbra = CoverageError(*(each.rms(squared) for each, squared in zip(scales, penumbras, strict=True)))
-        if penumbra.judged > PENUMBRA_SHARE * budget.tolerance:
-            return dark, NOTHING_DRAWN, penumbra
-        allowed = OVERLAPS_LEFT * (scale.most_squared(budget.tolerance) - penumbras[0]) / len(bodies)
+        return LookedAt(bodies=bodies, scales=(scale, replace(scale, flux_share=FLUX_SHARE)), hard=hard, low=low)
+
+    def _clipped(self, looked: LookedAt, cells: ImageCells, budget: Budget, has_planes: bool) -> CoverageImage:
+        """The bodies with hard edges of shadows."""
+        bodies, scales, penumbras = looked.bodies, looked.scales, looked.squared
+        scale = scales[0]
+        if not scale.light > 0.0:
+            # Light between corners that are all dark is for rays to find.
+            has_facing = any(body.has_facing for body in bodies)
+            return CoverageImage.dark(cells, NOTHING_DRAWN if has_facing else CoverageError(0.0, 0.0))
+        most = scale.most_squared(budget.tolerance)
+        allowed = OVERLAPS_LEFT * max(most - penumbras[0], LEAST_LEFT**2 * most) / len(bodies)
         # A pixel's solid angle falls off as cos^3 of its angle from the boresight: of facets that are far smaller.
-        is_fine = n_px * cells.per_px.prod() < _FINE * sum(body.n_areas for body in bodies)
-        changes, squared, bias_squared = accumulate.no_changes(cells.shape), 0.0, 0.0
-        for body in bodies:
-            areas = find_areas(body, allowed, scale.flux_weight)
-            if areas is None:
-                return dark, NOTHING_DRAWN, penumbra
-            areas.add_to(changes, cells, is_fine)
-            squared += areas.squared
-            bias_squared += areas.bias**2
+        is_fine = not has_planes and scale.n_px * cells.per_px.prod() < _FINE * sum(body.n_areas for body in bodies)
+        found = [find_areas(body, allowed, scale.flux_weight) for body in bodies]
+        changes, slopes = accumulate.no_changes(cells.shape), accumulate.no_changes(cells.shape) if has_planes else None
+        for areas in found:
+            if has_planes:
+                areas.add_planes_to(changes, slopes, cells)
+            else:
+                areas.add_to(changes, cells, is_fine)
         # Where areas overlap, one that is hidden was taken to be seen: which one is not known.
-        means, unsure = cells.light(changes, self._scene.solar_irradiance_of(cells.camera),
-                                    _EXCESS if self._is_one_surface else 1.0, is_even=is_fine)
-        squared += unsure / cells.per_px.prod() ** 2
-        return means, CoverageError(*(each.error(of_penumbras + squared + each.flux_weight * bias_squared)
-                                      for each, of_penumbras in zip(scales, penumbras, strict=True))), penumbra
+        least_share = _EXCESS if self._is_one_surface else 1.0
+        solar_W_m2 = self._scene.solar_irradiance_of(cells.camera)
+        means, unsure, cover = cells.light(changes, solar_W_m2, least_share, is_fine, slopes)
+        squared = sum(areas.squared for areas in found) + unsure / cells.per_px.prod() ** 2
+        if has_planes:
+            squared += sum(float(areas.uneven()[1].sum()) for areas in found)
+        bias_squared = sum(areas.bias**2 for areas in found)
+        error = CoverageError(*(each.error(of_penumbras + squared + each.flux_weight * bias_squared)
+                                for each, of_penumbras in zip(scales, penumbras, strict=True)))
+        unit_W_m2 = float(cells.per_px.prod()) * solar_W_m2 / cells.camera.focal_length_px**2
+        return CoverageImage(means=means, error=error, scales=scales, unit_W_m2=unit_W_m2, squared_of_areas=lambda: (
+            unit_W_m2**2 * squared_errors(looked, found, cells, has_planes) + overlapping(means, cover, least_share))
+                             ).by_its_light()
 
 
 def _may_be_lit(bodies: list[tuple[FacetTables, BodyView]], cells: ImageCells, has_disc: bool) -> np.ndarray:

@@ -53,9 +53,11 @@ class ImageCells:
                                    - camera.principal_point_px[k]) / camera.focal_length_px) for k in range(2))
         return across, down
 
-    def light(self, changes: np.ndarray, solar_W_m2: float, least_share: float = 1.0, is_even: bool = False
-              ) -> tuple[np.ndarray, float]:
+    def light(self, changes: np.ndarray, solar_W_m2: float, least_share: float = 1.0, is_even: bool = False,
+              slopes: np.ndarray | None = None) -> tuple[np.ndarray, float, np.ndarray]:
         """Means over cells (rows, columns) [W/m2 per pixel], and a sum of squares that is unsure where areas overlap.
+
+        And the cover (rows, columns) [1].
 
         Parameters
         ----------
@@ -67,19 +69,29 @@ class ImageCells:
             The least part of an excess that is taken off where areas overlap.
         is_even : bool
             All pixels have the solid angle of that on the boresight; radiance has the cosines.
+        slopes : (rows, columns + 2) complex128, optional
+            Of a radiance that is that at the first corner of the grid: `SunlitAreas.add_planes_to`.
         """
         image, cover = np.empty((2, *self.shape))
         lens = self.camera.lens_map
         across, down = (np.zeros_like(each) if is_even or lens is not None else each for each in self.tangents_squared)
         scale = solar_W_m2 / self.camera.focal_length_px**2
-        least = accumulate.ROUNDING * max(threads.run_in_parts(
+        largest = max(threads.run_in_parts(
             lambda part: accumulate.means(changes, part.start, part.stop, image, cover), len(image), _ROWS))
+        if slopes is not None:
+            by_x, by_y = np.empty((2, *self.shape))
+            accumulate.means(slopes, 0, len(image), by_x, by_y)
+            x, y = ((np.arange(count) + 0.5) / per_px
+                    for count, per_px in zip(self.shape[::-1], self.per_px, strict=True))
+            image += by_x * x + by_y * y[:, None]
+            largest = float(image.max())
+        least = accumulate.ROUNDING * largest
         unsure = threads.run_in_parts(
             lambda part: accumulate.settle(image, cover, part.start, part.stop, least, scale, across, down,
                                            least_share), len(image), _ROWS)
         if lens is not None and not is_even:
             image *= self._solid_angles(lens)
-        return image, sum(unsure)
+        return image, sum(unsure), cover
 
     def _solid_angles(self, lens: LensMap) -> np.ndarray:
         """Solid angle of a pixel at each cell's middle (rows, columns) over that on the boresight without the lens."""
@@ -92,3 +104,10 @@ class ImageCells:
         xy = self.camera.normalised(np.stack(np.broadcast_arrays(x, y[:, None]), axis=-1).reshape(-1, 2))
         # A small body's own grid may reach beyond what the lens images: where there is no light.
         return np.nan_to_num(lens.solid_angles(xy.T)).reshape(rows, columns)
+
+    def sums(self, changes: np.ndarray) -> np.ndarray:
+        """Amounts (rows, columns) that changes (rows, columns + 2) add up to, without what is rounding."""
+        image, cover = np.empty((2, *self.shape))
+        largest = accumulate.means(changes, 0, len(image), image, cover)
+        image[image < accumulate.ROUNDING * largest] = 0.0
+        return image

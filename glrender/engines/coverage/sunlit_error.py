@@ -136,14 +136,14 @@ def missed_behind(squared: np.ndarray) -> float:
     return _MISSED_BEHIND * float(squared.max(initial=0.0))
 
 
-def hard_edges(radiance: np.ndarray, area_px: np.ndarray, wide_px: np.ndarray) -> float:
-    """Squared error of hard edges of shadows across triangles (N,) in place of ramps of a width (N,) [px].
+def hard_edges(radiance: np.ndarray, area_px: np.ndarray, wide_px: np.ndarray) -> np.ndarray:
+    """Squared errors (N,) of hard edges of shadows across triangles (N,) in place of ramps of a width (N,) [px].
 
     Within a pixel a ramp has the light of a hard edge, and errs where the pixels' sides cross it: the mean over how
     the sides lie, as one along a ramp may cross the whole ramp.
     """
     squared = radiance**2 * np.sqrt(area_px) * wide_px * np.minimum(wide_px, 1.0) ** 2
-    return _PENUMBRA**2 * float(squared.sum()) / 12.0
+    return _PENUMBRA**2 / 12.0 * squared
 
 
 def low_sun(brdf: np.ndarray, cosines: np.ndarray, area_px: np.ndarray, sun_radius_rad: float, set_px: float,

@@ -237,6 +237,11 @@ def engine_of(shape):
     return scene, CoverageEngine(scene, RayEngine(scene))
 
 
+def both(made):
+    """Means and error of a coverage image."""
+    return made.means, made.error
+
+
 def whole(camera, seen):
     """Arguments of the engine for a body's region, in pixels."""
     x0, y0, x1, y1 = region(seen, camera)
@@ -254,8 +259,8 @@ def test_boundary_facets_tell_the_error_of_a_frame(rough, kind, size_px):
                                  (75.0, (-1, 0.4, 0.1))):
         state = views.state(phase_deg=phase_deg, range_m=2000.0, direction=direction)
         given = whole(camera, view_bodies(state, camera, scene.hulls))
-        image, told = engine.draw_by_centroids(*given, Budget(tolerance=1.0))
-        exact, _ = engine.draw(*given, Budget(tolerance=0.004))
+        image, told = both(engine.draw_by_centroids(*given, Budget(tolerance=1.0)))
+        exact, _ = both(engine.draw(*given, Budget(tolerance=0.004)))
         ratios.append(views.relative_rms(image, exact) / np.hypot(told.rms, 0.003))
     assert 0.2 < np.median(ratios) < 0.8 and max(ratios) < 1.0
 
@@ -265,24 +270,24 @@ def test_a_frame_tells_its_error_before_it_is_drawn(rough):
     scene, engine = engine_of(rough.shape)
     camera, = scene.cameras
     given = whole(camera, view_bodies(views.state(phase_deg=60.0, range_m=2000.0), camera, scene.hulls))
-    image, told = engine.draw_by_centroids(*given, Budget(tolerance=1.0))
-    again, told_again = engine.draw_by_centroids(*given, Budget(tolerance=1.01 * told.judged))
+    image, told = both(engine.draw_by_centroids(*given, Budget(tolerance=1.0)))
+    again, told_again = both(engine.draw_by_centroids(*given, Budget(tolerance=1.01 * told.judged)))
     assert told_again == told and told.judged == told.rms > 0.0 and again.tobytes() == image.tobytes()
-    dark, unknown = engine.draw_by_centroids(*given, Budget(tolerance=0.99 * told.judged))
+    dark, unknown = both(engine.draw_by_centroids(*given, Budget(tolerance=0.99 * told.judged)))
     assert not dark.any() and np.isinf(unknown).all(), "it is no image, and may not be taken for the best one"
-    strict, error = engine.draw_by_centroids(*given, Budget(tolerance=1.0, flux=1e-3))
+    strict, error = both(engine.draw_by_centroids(*given, Budget(tolerance=1.0, flux=1e-3)))
     assert error.rms == told.rms and error.judged > told.judged, "by a share of the flux that is a hundredth"
     assert strict.tobytes() == image.tobytes() and np.isinf(engine.draw_by_centroids(
-        *given, Budget(tolerance=0.99 * error.judged, flux=0.99e-3 * error.judged))[1]).all()
+        *given, Budget(tolerance=0.99 * error.judged, flux=0.99e-3 * error.judged)).error).all()
 
 
 def test_the_image_does_not_depend_on_the_number_of_threads(rough, monkeypatch):
     scene, engine = engine_of(rough.shape)
     camera, = scene.cameras
     given = whole(camera, view_bodies(views.state(phase_deg=60.0, range_m=2000.0), camera, scene.hulls))
-    image, told = engine.draw_by_centroids(*given, Budget(tolerance=1.0))
+    image, told = both(engine.draw_by_centroids(*given, Budget(tolerance=1.0)))
     monkeypatch.setattr(threads, "N_CORES", 1)
-    again, told_again = engine.draw_by_centroids(*given, Budget(tolerance=1.0))
+    again, told_again = both(engine.draw_by_centroids(*given, Budget(tolerance=1.0)))
     assert again.tobytes() == image.tobytes() and told_again == told
 
 
@@ -293,7 +298,7 @@ def test_a_frame_whose_boundaries_are_too_long_is_clipped_instead(phase_deg):
     camera, = scene.cameras
     state = views.state(phase_deg=phase_deg, range_m=1500.0, direction=(0.2, -1.0, 0.5))
     given = whole(camera, view_bodies(state, camera, scene.hulls))
-    exact, _ = engine.draw(*given, Budget(tolerance=0.003))
+    exact, _ = both(engine.draw(*given, Budget(tolerance=0.003)))
     with Renderer(scene) as renderer:
         told = 0.1
         for budget_share, by_centroids in ((1.0, True), (0.8, False)):

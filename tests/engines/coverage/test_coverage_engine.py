@@ -39,11 +39,11 @@ def drawn(bodies, state, camera, budget=0.02, names=None, flux=None):
     seen = view_bodies(state, camera, scene.hulls)
     rays = RayEngine(scene)
     x0, y0, x1, y1 = roi = region([view for view in seen if view.is_visible], camera)
-    image, error = CoverageEngine(scene, rays).draw(
+    made = CoverageEngine(scene, rays).draw(
         names or [body.name for body in bodies], seen,
         ImageCells(camera, (x0 - 0.5, y0 - 0.5, x1 - 0.5, y1 - 0.5), (x1 - x0, y1 - y0)),
         Budget(tolerance=budget, flux=flux))
-    return image, error.judged, roi, (rays, seen)
+    return made.means, made.error.judged, roi, (rays, seen)
 
 
 def traced(camera, roi, rays, n):
@@ -271,7 +271,7 @@ def test_what_is_dark_beside_a_body_that_a_window_cuts_is_zero(shape):
         x0, y0, x1, y1 = region(seen, camera)
         for left in range(x0 + (x1 - x0) // 2, x1, 7):
             cells = ImageCells(camera, (left - 0.5, y0 - 0.5, x1 + 19.5, y1 - 0.5), (x1 + 20 - left, y1 - y0))
-            image, _ = areas.draw(["body"], seen, cells, Budget(tolerance=0.05))
+            image = areas.draw(["body"], seen, cells, Budget(tolerance=0.05)).means
             assert not ((image != 0.0) & (image < 1e-10 * image.max())).any()
             n_dark += np.count_nonzero((image == 0.0).all(axis=1))
     assert n_dark > 100
