@@ -63,8 +63,9 @@ def test_facets_of_one_radiance_within_0_7_of_the_tolerance():
     member = view(size_px=13.0, bounds_px=middle)
     sides_m = [times * 0.7 * 0.02 * 900.0 / 0.44 / 5.0 for times in (BELOW, ABOVE)]
     for slope, expected in ((5.0, ["coverage", "raster"]), (2.9, ["coverage", "coverage"])):
-        assert [first(member, traits(n_facets=5_000, facet_m=5.0 / slope * side_m, view_slope=lambda _, slope=slope: slope)
-                      ).engine for side_m in sides_m] == expected
+        each = [traits(n_facets=5_000, facet_m=5.0 / slope * side_m, view_slope=lambda _, slope=slope: slope)
+                for side_m in sides_m]
+        assert [first(member, known).engine for known in each] == expected
 
 
 @pytest.mark.parametrize("phase_deg, crease_rad, tolerance, casters, texels, engine", [
