@@ -242,9 +242,10 @@ def _coverage(part: _Part) -> list[WindowPlan]:
         return []
     is_smooth = request.camera.lens_map is None and max(
         body.traits.view_slope(body.view.phase_rad) for body in bodies) <= _SMOOTH_PER_RAD
-    has_planes = is_smooth and max(_uneven_px(body, request.camera) for body in bodies) > _MOST_UNEVEN_PX
+    has_planes = is_smooth and part.target == "region" and max(
+        _uneven_px(body, request.camera) for body in bodies) > _MOST_UNEVEN_PX
     modelled = {UNEVEN: max(_unevenness(body, request.camera, has_planes) for body in bodies)}
-    if not has_planes and modelled[UNEVEN] > PENUMBRA_SHARE * tolerance and part.target == "region":
+    if not has_planes and modelled[UNEVEN] > PENUMBRA_SHARE * tolerance:
         return []
     where = part.whole(1)
     if part.target != "region":
