@@ -211,17 +211,27 @@ class Renderer:
 
     def _drawn_products(self, wanted: Sequence[str], plan: FramePlan, frame: Frame, drawn: Drawn
                         ) -> dict[str, np.ndarray]:
-        """Products by OpenGL; by rays where its coordinates are too coarse, or where a lens distorts."""
+        """Products by OpenGL; by rays where its coordinates are too coarse, or where a lens distorts.
+
+        Where rays draw the image, they say what the Sun lights as well: shadow maps may be too coarse for it.
+        """
         views, bodies, camera = list(frame.views), frame.bodies, frame.camera
+        roi = union([w.roi for w in drawn.windows])
         is_traced = camera.lens_map is not None or self._rays is not None and max(
             rounding_px(seen.view, seen.traits, body.relative_to_camera)
             for seen, body in zip(plan.seen, bodies, strict=True)) > _MOST_ROUNDING_PX
         if is_traced:
-            traced = traced_products(self._rays, wanted, camera, views, union([w.roi for w in drawn.windows]))
+            traced = traced_products(self._rays, wanted, camera, views, roi)
             return {name: values.astype(np.float32) if values.dtype == np.float64 and name != "range" else values
                     for name, values in traced.items()}
-        shadows, _ = self._shadows.draw(views, bodies, camera) if "sunlit" in wanted else ({}, None)
-        return self._products.draw(wanted, replace(frame, shadows=shadows), drawn.windows)
+        shadows, traced = {}, {}
+        if "sunlit" in wanted and any(window.engine == "rays" for window in drawn.windows):
+            lit = traced_products(self._rays, ("sunlit",), camera, views, roi)["sunlit"]
+            traced = {"sunlit": lit.astype(np.float32)}
+        elif "sunlit" in wanted:
+            shadows, _ = self._shadows.draw(views, bodies, camera)
+        rest = [name for name in wanted if name not in traced]
+        return {**self._products.draw(rest, replace(frame, shadows=shadows), drawn.windows), **traced}
 
     def forget_shadow_maps(self) -> None:
         """Draw all shadow maps anew when next they are needed; no image changes."""

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import raytracer
 import views
-from glrender import Body, Pose, Shape, State, frames
+from glrender import Body, PinholeCamera, Pose, Renderer, Scene, Shape, State, frames
 from glrender.base.constants import AU_M
 from glrender.brdf import Lambert
 from glrender.engines.rays.backend import RayTracer
@@ -149,3 +149,33 @@ def test_few_facets_are_prepared_for_a_frame():
             middle_m = shape.vertices_m[shape.facets[mesh._number]].mean(axis=1) - view.r_camera_body_m
             assert 0 < len(mesh._number) < 0.4 * len(facets)
             assert np.median(np.linalg.norm(middle_m, axis=1)) < reach_m
+
+
+@pytest.mark.parametrize("options", [{}, {"engine": "rays"}])
+def test_what_is_sunlit_is_what_the_image_shows_lit(options):
+    """A block of 1 m on a plain of 4 km, from 3 m: its shadow by slabs, which a shadow map is too coarse for."""
+    plain_m = 0.1 * SIDE_M * np.array([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [-1.0, 1.0, 0.0]])
+    low_m, high_m = np.array([4.0, -0.5, 0.0]), np.array([4.3, 0.5, 1.0])
+    corner = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])
+    sides = np.array([[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1], [2, 3, 7], [2, 7, 6],
+                      [1, 5, 7], [1, 7, 3]])
+    shape = Shape.from_arrays(np.concatenate([plain_m, low_m + corner * (high_m - low_m) - [0.0, 0.0, 1e-3]]),
+                              np.concatenate([[[0, 1, 2], [0, 2, 3]], sides + 4]))
+    camera = PinholeCamera(name="navcam", width_px=64, height_px=64, focal_length_px=64.0)
+    eye_m = np.array([0.0, 0.0, 3.0])
+    state = State(r_sun_inertial_m=AU_M * TO_SUN, bodies={"plain": Pose(r_inertial_m=np.zeros(3))},
+                  spacecraft=Pose(r_inertial_m=eye_m, q_from_inertial=frames.look_at(eye_m, np.array([3.5, 0.5, 0.0]))))
+    scene = Scene(bodies=[Body(name="plain", shape=shape, brdf=GREY)], cameras=[camera], sun_disc=False)
+    with Renderer(scene) as renderer:
+        image = renderer.render(state, max_error=0.02, products=("range", "sunlit"), **options)
+    assert {window.engine for window in image.plan.windows} == {"rays"}
+    y, x = np.mgrid[:64, :64]
+    towards = camera.directions(np.stack([x.ravel(), y.ravel()], axis=1).astype(float))
+    towards = towards @ frames.dcm(state.spacecraft.q_from_inertial)
+    point_m = eye_m + image.products["range"].reshape(-1, 1) * towards
+    on_plain = np.abs(point_m[:, 2]) < 1e-3
+    to_slabs = np.sort(np.stack([(low_m - point_m) / TO_SUN, (high_m - point_m) / TO_SUN]), axis=0)
+    is_shaded = to_slabs[0].max(axis=1) < to_slabs[1].min(axis=1)
+    sunlit = image.products["sunlit"].ravel() > 0.5
+    assert (on_plain & is_shaded).sum() > 40
+    assert (sunlit == ~is_shaded)[on_plain].mean() > 0.999
