@@ -98,6 +98,9 @@ def ways_to_draw(group: Group, bodies: Sequence[Seen], plans: Sequence[BodyPlan]
         return [replace(_raster(part, worst), why="samples were asked for")]
     made, is_crowded = [name for name in request.engines if request.engine in (None, name)], _is_crowded(bodies)
     coverage = _coverage(part) if "coverage" in made else []
+    # Areas that err by more than is asked for, however they are clipped, are for where samples err by more still.
+    coarse = coverage[-1:] if _are_coarse(coverage) else []
+    coverage = [] if coarse else coverage
     rays = _rays(part) if "rays" in made else []
     raster = [_raster(part, worst)] if "raster" in made else []
     is_in_penumbra = part.is_in_penumbra(request.budget(group, "raster"))
@@ -119,6 +122,7 @@ def ways_to_draw(group: Group, bodies: Sequence[Seen], plans: Sequence[BodyPlan]
         if not is_fine_enough:
             options = rays or raster
             why = "a wide penumbra is on it" if is_in_penumbra else f"{why}, and no shadow map is fine enough"
+    options = [*options, *coarse]
     names = ["coverage by centroids" if option.by_centroids else option.engine for option in options]
     return [replace(option, why=f"{' and '.join(names[:index])} would miss the tolerance" if index else why)
             for index, option in enumerate(options)]
@@ -245,8 +249,6 @@ def _coverage(part: _Part) -> list[WindowPlan]:
     has_planes = is_smooth and part.target == "region" and max(
         _uneven_px(body, request.camera) for body in bodies) > _MOST_UNEVEN_PX
     modelled = {UNEVEN: max(_unevenness(body, request.camera, has_planes) for body in bodies)}
-    if not has_planes and modelled[UNEVEN] > PENUMBRA_SHARE * tolerance:
-        return []
     where = part.whole(1)
     if part.target != "region":
         several = _SEVERAL_CELLS if len(bodies) > 1 else 1.0
@@ -277,6 +279,12 @@ def _coverage(part: _Part) -> list[WindowPlan]:
             or view.phase_rad + traits.radius_m / view.range_m > _CENTROIDS_RAD):
         return [clipped]
     return [part.window("coverage", allowed, modelled, by_centroids=True, flux_error=part.hard_flux, **where), clipped]
+
+
+def _are_coarse(windows: Sequence[WindowPlan]) -> bool:
+    """Whether facets of one radiance each take most of the tolerance by themselves."""
+    return any(not each.has_planes and each.modelled[UNEVEN] > PENUMBRA_SHARE * each.budget.tolerance
+               for each in windows[-1:])
 
 
 def _unevenness(body: Seen, camera: PinholeCamera, has_planes: bool) -> float:

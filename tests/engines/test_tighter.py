@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import views
-from glrender import Body
+from glrender import Body, Renderer
 from glrender.brdf import Lambert
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
@@ -43,3 +43,13 @@ def test_a_tighter_tolerance_never_gives_a_worse_frame(draw, seeds):
     assert not [each for frames in rows for each in tighter.worse(frames)]
     met = [row["predicted"] <= row["tolerance"] for frames in rows for row in frames if row["tolerance"] >= 0.01]
     assert np.mean(met) > 0.9
+
+
+def test_what_no_engine_meets_is_predicted_no_worse_than_at_a_looser_tolerance():
+    """A near crescent whose facets are too coarse for 0.002: samples err by 0.02, areas by 0.006."""
+    shape = views.binary(0, 4)
+    scene = views.scene([Body(name="body", shape=shape, brdf=Lambert(normal_albedo=0.3))], [views.camera(60, 60.0)])
+    state = views.state(phase_deg=150.0, direction=np.array([0.3, -0.5, 0.8]), range_m=6.0 * shape.radius_m)
+    with Renderer(scene) as renderer:
+        errors = [renderer.render(state, max_error=asked).plan.predicted_error for asked in (0.006, 0.002, 0.001)]
+    assert max(errors[1:]) <= tighter.WORSE_PREDICTED * errors[0]
