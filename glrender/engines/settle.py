@@ -92,7 +92,7 @@ def settle(means: np.ndarray, squared: np.ndarray, most_squared: Callable[[np.nd
         light[cells[better]], left[cells[better]] = samples.mean(axis=(1, 2))[better], error[better]
         count[some], one[some], is_settled[some[better]] = n, error * float(n) ** power, True
     return Settled(means=means, squared=float(left.sum()), samples=int(count[is_settled].max(initial=0)),
-                   share=np.count_nonzero(is_settled) / light.size)
+                   share=float(np.count_nonzero(is_settled) / light.size))
 
 
 def _plan(left: np.ndarray, surer: np.ndarray, one: np.ndarray, count: np.ndarray, too_much: float, power: float
