@@ -87,7 +87,7 @@ def body(table: Mapping[str, Any], path: str, files: Files) -> Body:
         raise ConfigError(path, "needs exactly one of `shape` (a file) and `generated` (a table)")
     albedo_map = None
     if "generated" in table:
-        if of_files := next((key for key in ("sides", "surface") if key in table), None):
+        if of_files := next((key for key in ("length_unit", "sides", "surface") if key in table), None):
             raise ConfigError(f"{path}.{of_files}", "goes with `shape`, a file", table[of_files], "leave it out")
         shape = _generated(table["generated"], f"{path}.generated")
     else:

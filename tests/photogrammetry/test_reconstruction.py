@@ -13,7 +13,7 @@ from arcs import state
 from glrender import generate
 from glrender_cli.__main__ import main
 from glrender_navigation import Camera
-from glrender_photogrammetry import Mesh, PosedFrame, deviation, posed_frames, reconstruct
+from glrender_photogrammetry import Mesh, PosedFrame, deviation, mapping, posed_frames, reconstruct
 from glrender_photogrammetry.features import shared_points
 from glrender_photogrammetry.fusion import fused, surface_of
 from glrender_photogrammetry.mapping import adjusted, laid, mapped, reposed
@@ -290,7 +290,7 @@ def line(turned_rad=0.0):
 
 
 @pytest.mark.parametrize("turned_deg, bounds", [(0.0, (2.0, 1.0, 0.05)), (0.1, (10.0, 1.0, 0.15))])
-def test_a_straight_line_holds_by_attitudes(turned_deg, bounds):
+def test_a_straight_line_holds_by_attitudes(turned_deg, bounds, monkeypatch, caplog):
     """Points, places [m] and attitudes [deg] from 20 m, 5 m and 0.3 deg off; places are given to 1 m.
 
     A pixel is 1.5 m, which attitudes hold the points to. Errors of theirs of 0.1 deg are 5 m of each frame.
@@ -301,7 +301,13 @@ def test_a_straight_line_holds_by_attitudes(turned_deg, bounds):
         [1.0, 0.5, 0.2] + 0.1 * rng.normal(size=3))).camera_from_body for frame in true]),
         "r_camera_body_m": np.array([frame.r_camera_body_m + 5.0 * rng.normal(size=3) for frame in true]),
         "points_m": points_m + [0.0, 0.0, 15.0] + 10.0 * rng.normal(size=points_m.shape)}
+    monkeypatch.setattr(mapping, "_MOST_STEPS", 1)
+    adjusted(given, start, seen)
+    assert "still turn by" in caplog.text
+    monkeypatch.undo()
+    caplog.clear()
     found = adjusted(given, start, seen)
+    assert not caplog.text
     off_m = np.sqrt(np.mean((found["r_camera_body_m"] - [frame.r_camera_body_m for frame in true])**2))
     turn = Rotation.from_matrix(found["camera_from_body"] @ [frame.camera_from_body.T for frame in true])
     off = np.median(np.linalg.norm(found["points_m"] - points_m, axis=1)), off_m, np.degrees(turn.magnitude().max())

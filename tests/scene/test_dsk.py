@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from glrender import Body, Scene, Shape, ShapeError, generate
+from glrender import Body, ConfigError, Scene, Shape, ShapeError, generate
 from glrender.brdf import Lambert
+from glrender.scenario import load_believed_scene
 from missing import needed_module
 
 sp = needed_module("spiceypy", "pip install \"glrender[spice]\"")
@@ -61,6 +62,15 @@ def test_a_surface_of_several_is_chosen(tmp_path, rough, ball):
     table = {"bodies": [{"name": "a", "shape": "two.bds", "surface": 9, "brdf": brdf}],
              "cameras": [{"name": "c", "width_px": 8, "height_px": 8, "focal_length_px": 20.0}]}
     assert len(Scene.from_dict(table, shape_dir=tmp_path).bodies[0].shape.facets) == len(ball.facets)
+    (tmp_path / "scene.toml").write_text(
+        'bodies = [{name = "a", shape = "two.bds", surface = 9, brdf = {law = "lambert", normal_albedo = 0.1}}]\n'
+        'cameras = [{name = "c", width_px = 8, height_px = 8, focal_length_px = 20.0}]\n')
+    believed = 'scene = "scene.toml"\nbelief.bodies.a = {{{}}}\n'.format
+    (tmp_path / "belief.toml").write_text(believed('shape = "two.bds", surface = 7'))
+    assert len(load_believed_scene(tmp_path / "belief.toml").bodies[0].shape.facets) == len(rough.facets)
+    (tmp_path / "belief.toml").write_text(believed("surface = 7"))
+    with pytest.raises(ConfigError, match=r"belief.bodies.a.surface: goes with `shape`, a file, got 7"):
+        load_believed_scene(tmp_path / "belief.toml")
     tiles = [Shape.from_arrays(rough.vertices_m, part) for part in np.array_split(rough.facets, 2)]
     tiled = Shape.from_file(write(tmp_path / "tiles.bds", *((7, tile) for tile in tiles)))
     assert tiled.report.is_watertight and len(tiled.facets) == len(rough.facets)

@@ -269,12 +269,25 @@ def test_plate_models_may_have_fortran_s_exponents(tmp_path, exponent, is_number
     np.testing.assert_allclose(found.vertices_m, ROUND.vertices_m, atol=1e-6)
 
 
-@pytest.mark.parametrize("ending", ["tab", "plt"])
-def test_plate_models_may_have_rows_of_v_and_f(tmp_path, ending):
-    """As Wavefront has them, after comments, with Fortran's exponents."""
-    rows = [f"v {x:.9E} {y:.9E} {z:.9E}".replace("E", "D") for x, y, z in ROUND.vertices_m]
-    rows += [f"f {a} {b} {c}" for a, b, c in ROUND.facets + 1]
-    (tmp_path / f"a.{ending}").write_text("\n".join(["# plates", *rows]) + "\n")
+@pytest.mark.parametrize("head", ["", "42\n", "42 80\n"])
+@pytest.mark.parametrize("ending, row", [("tab", "{} {} {} {}"), ("plt", "{},{},{},{}"), ("tab", "{}\t{}\t{}\t{}")])
+def test_plate_models_may_have_rows_of_v_and_f(tmp_path, ending, row, head):
+    """After comments, with Fortran's exponents, commas, tabs, capitals or counts before them."""
+    letter = "V" if head else "v"
+    rows = [row.format(letter, *(f"{x:.9E}".replace("E", "D") for x in vertex)) for vertex in ROUND.vertices_m]
+    rows += [row.format("f", *plate) for plate in ROUND.facets + 1]
+    (tmp_path / f"a.{ending}").write_text("\n".join(["# plates", head + rows[0], *rows[1:]]) + "\n")
     found = Shape.from_file(tmp_path / f"a.{ending}", length_unit="m")
     np.testing.assert_array_equal(found.facets, ROUND.facets)
     np.testing.assert_allclose(found.vertices_m, ROUND.vertices_m, atol=1e-6)
+
+
+@pytest.mark.parametrize("rows, message", [
+    (["v 0 0 1.0D+0x", "v 1 0 0", "v 0 1 0", "f 1 2 3"], "a vertex that is no number, got '0 0 1.0D.0x'"),
+    (["v 0 0 0", "v 1 0 0", "v 0 1 0", "f 1 2 3 1 2"], "a plate with 5 numbers instead of 3"),
+    (["v 0 0 0", "v 1 0 0", "v 0 1 0", "g top", "f 1 2 3"], "rows of v, of f and of counts alone, got 'g top'"),
+    (["v 0 0 0", "v 1 0 0"], "promises 2 vertices and 0 plates")])
+def test_plate_models_of_wrong_rows_are_refused_with_the_row(tmp_path, rows, message):
+    (tmp_path / "a.tab").write_text("\n".join(rows))
+    with pytest.raises(ShapeError, match=message):
+        Shape.from_file(tmp_path / "a.tab", length_unit="m")

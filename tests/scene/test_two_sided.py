@@ -249,8 +249,9 @@ def test_sides_in_a_scene_file(tmp_path):
     ball = {"name": "body", "generated": {"kind": "icosphere", "radius_m": 1.0}, "brdf": table["brdf"], "sides": "both"}
     with pytest.raises(ConfigError, match="sides: goes with `shape`"):
         Scene.from_dict({"bodies": [ball], "cameras": cameras})
-    ball = {**{key: value for key, value in ball.items() if key != "sides"}, "surface": 3}
-    with pytest.raises(ConfigError, match=r"bodies\[0\].surface: goes with `shape`, a file, got 3; leave it out"):
-        Scene.from_dict({"bodies": [ball], "cameras": cameras})
+    del ball["sides"]
+    for key, value in (("surface", 3), ("length_unit", "km")):
+        with pytest.raises(ConfigError, match=rf"bodies\[0\].{key}: goes with `shape`, a file, got '?{value}'?; leave"):
+            Scene.from_dict({"bodies": [{**ball, key: value}], "cameras": cameras})
     with pytest.raises(ConfigError, match="sides"):
         Body.from_file(tmp_path / "panel.obj", name="body", length_unit="m", brdf=GREY, sides="inside")

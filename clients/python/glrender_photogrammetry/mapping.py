@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import tempfile
 from collections.abc import Sequence
 from dataclasses import replace
@@ -17,6 +18,7 @@ from scipy.spatial.transform import Rotation
 from .features import matched, needed_pycolmap, number_of, pipeline, shared_points
 from .frames import PosedFrame
 
+_log = logging.getLogger(__name__)
 # Frames after each one that it is matched with.
 _OVERLAP = 4
 # Least angle between the views of the first two frames.
@@ -126,8 +128,11 @@ def adjusted(frames: Sequence[PosedFrame], found: dict[str, np.ndarray], seen: n
         points_m = points_m + (inverse @ (pull[6 * n:] - across.T @ step)).reshape(-1, 3)
         moved = step.reshape(-1, 6)
         turns, places_m = Rotation.from_rotvec(moved[:, :3]) * turns, places_m + moved[:, 3:]
-        if camera.focal_length_px * np.abs(moved[:, :3]).max() < _ENOUGH_PX:
+        if (turned_px := camera.focal_length_px * np.abs(moved[:, :3]).max()) < _ENOUGH_PX:
             break
+    else:
+        _log.warning("poses with a prior still turn by %.2g px after %d steps: look at the places and at place_sigma_m",
+                     turned_px, _MOST_STEPS)
     return _about(frames, turns.as_matrix(), places_m, points_m)
 
 

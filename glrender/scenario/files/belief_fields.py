@@ -38,15 +38,16 @@ def read_belief(table: object, scene: Scene, folder: Path) -> Belief:
 
 def _body(entry: object, folder: Path) -> BodyBelief:
     fields = a_table(entry)
-    unit = fields.pop("length_unit", None)
-    if "shape" not in fields and unit is not None:
-        raise ConfigError("length_unit", "goes with `shape`, a file", unit, 'shape files carry no unit: "m" or "km"')
+    of_file = {key: fields.pop(key) for key in ("length_unit", "surface") if key in fields}
+    if "shape" not in fields and of_file:
+        key, value = next(iter(of_file.items()))
+        raise ConfigError(key, "goes with `shape`, a file", value, "leave it out, or name a shape's file")
     if "shape" in fields:
         with error_path("shape"):
             file = folder / text("", fields["shape"])
-        scale = file_scale(file, unit)
+        scale = file_scale(file, of_file.get("length_unit"))
         with error_path("shape"):
-            fields["shape"] = Shape.from_file(file, length_unit=scale)
+            fields["shape"] = Shape.from_file(file, length_unit=scale, surface=of_file.get("surface"))
     if "brdf" in fields:
         fields["brdf"] = read_law(fields["brdf"], "brdf")
     return made(BodyBelief, fields)

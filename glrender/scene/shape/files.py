@@ -112,11 +112,8 @@ def _text(path: Path) -> str:
 
 def _numbers(path: Path, rows: list[str], width: int, what: str) -> np.ndarray:
     """(n, width) float64 of text rows; a wrong row is named."""
-    text = " ".join(rows)
-    if "D" in text or "d" in text:
-        # Fortran's exponents: 1.0D-02.
-        text, rows = text.translate(_FORTRAN), [row.translate(_FORTRAN) for row in rows]
-    words = text.split()
+    # Fortran's exponents: 1.0D-02.
+    words = " ".join(rows).translate(_FORTRAN).split()
     try:
         # Rows too long and too short may add up to the right number.
         if len(words) == width * len(rows) and all(len(row.split()) == width for row in rows):
@@ -126,7 +123,7 @@ def _numbers(path: Path, rows: list[str], width: int, what: str) -> np.ndarray:
     for row in rows:
         parts = row.split()
         try:
-            [float(part) for part in parts]
+            [float(part.translate(_FORTRAN)) for part in parts]
         except ValueError:
             hint = "write decimals with a point" if "," in row else ""
             raise ShapeError("", f"has a {what} that is no number", row.strip(), hint) from None
@@ -257,14 +254,21 @@ def _of_polygons(vertices: np.ndarray, corners: np.ndarray, sizes: np.ndarray, m
 def _plate_model(path: Path, max_facets: int) -> FileMesh:
     """PDS plate model: a count line, vertices, a count line, plates from 1; index columns optional.
 
-    Or rows of `v` and `f`, as Wavefront has them.
+    Or rows of `v` and `f`, with counts before them or none.
     """
-    rows = [line.replace(",", " ") for line in _lines(path) if line.strip() and not line.lstrip().startswith("#")]
+    rows = [row for line in _lines(path) if (row := line.replace(",", " ").strip()) and not row.startswith("#")]
     if not rows:
         raise ShapeError("", "has no lines but comments", str(path))
+    if any(row.split()[0] in ("v", "f", "V", "F") for row in rows[:3]):
+        by_letter: dict[str, list[str]] = {"v": [], "f": []}
+        for row in rows:
+            letter, *numbers = row.split(maxsplit=1)
+            if letter.lower() in by_letter:
+                by_letter[letter.lower()].extend(numbers)
+            elif not "".join(row.split()).isdigit():
+                raise ShapeError("", "must have rows of v, of f and of counts alone", row)
+        rows = [f"{len(by_letter['v'])} {len(by_letter['f'])}", *by_letter["v"], *by_letter["f"]]
     head = rows[0].split()
-    if head[0] in ("v", "f"):
-        return _obj(path, max_facets)
     try:
         counts = [int(word) for word in head]
         if len(counts) == 2:
