@@ -154,6 +154,8 @@ def _left_out(seen: Seen, body: BodyPlan, window: WindowPlan | None, has_sun_dis
         found.append(f"{name}: the Sun's disc: shadows have hard edges, or those of a few of its points")
     if window.engine == "raster" and body.shadow_map_px is None:
         found.append(f"shadows on {name}: nothing can cast on what is seen")
+    if seen.traits.breaks_highlights(seen.view.phase_rad):
+        found.append(f"highlights of a smooth {name}: flat facets turn by more than a highlight is wide")
     if seen.traits.relief is not None:
         found.append(_detail_left_out(body, seen.traits))
     return found

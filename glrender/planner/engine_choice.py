@@ -19,7 +19,7 @@ from glrender_camera import PinholeCamera
 from ..view.regions import Group
 from ..view.view import BodyView
 from .error_budget import CELL_SHARE, PENUMBRA_SHARE, SAMPLES_SHARE, Budget
-from .error_model import CRESCENT_RAD, facets_per_px, parallel_error, ray_rounding_error
+from .error_model import CRESCENT_RAD, SMOOTH_PER_RAD, facets_per_px, parallel_error, ray_rounding_error
 from .plan import CENTROIDS, ONE_DIRECTION, SLIVERS, UNEVEN, BodyPlan, Target, WindowPlan
 from .request import MAX_SAMPLES, Request
 from .seen import Seen
@@ -54,8 +54,6 @@ _UNEVEN_FACET = 0.44
 # Displacement of a facet's light [px] from which its radiance varies linearly: a thirtieth of the centre that is asked
 # for by those who ask for most.
 _MOST_UNEVEN_PX = 0.01
-# Relative change of the radiance with the direction of view [1/rad] up to which a plane holds it: highlights have more.
-_SMOOTH_PER_RAD = 3.0
 # Variation of a pixel's solid angle within it over its angle [1]: above 3 tan(theta) / sqrt(12), off the boresight.
 _UNEVEN_PIXEL = 0.3
 # Error of the flux [1] times the cube of the angle from a phase of 180 deg [rad^3]: a rough binary at 165, 172, 175 deg
@@ -245,7 +243,7 @@ def _coverage(part: _Part) -> list[WindowPlan]:
     if group.outline is None or any(not math.isfinite(body.traits.facet_m) or body.detail_layers for body in bodies):
         return []
     is_smooth = request.camera.lens_map is None and max(
-        body.traits.view_slope(body.view.phase_rad) for body in bodies) <= _SMOOTH_PER_RAD
+        body.traits.view_slope(body.view.phase_rad) for body in bodies) <= SMOOTH_PER_RAD
     has_planes = is_smooth and part.target == "region" and max(
         _uneven_px(body, request.camera) for body in bodies) > _MOST_UNEVEN_PX
     modelled = {UNEVEN: max(_unevenness(body, request.camera, has_planes) for body in bodies)}

@@ -36,6 +36,8 @@ _ROUNDING_ERROR = 0.1
 _RAY_ROUNDING = 3e-8
 FEWEST_CENTROIDS = 10_000
 """Facets from which a shape is drawn by centroids: fewer are soon clipped."""
+SMOOTH_PER_RAD = 3.0
+"""Relative change of radiance with the direction of view [1/rad] up to which a plane holds it: highlights have more."""
 FACETS_SEEN = 0.83
 """Facets that a pixel sees times squared size over all facets: half face it, on 0.6 of the square."""
 CRESCENT_RAD = 2.1
@@ -85,6 +87,11 @@ class BodyTraits:
     longest_side_m: float = 0.0
     view_slope: Callable[[float], float] = lambda phase_rad: 0.0
     facet_m: float = math.inf
+
+    def breaks_highlights(self, phase_rad: float) -> bool:
+        """Whether flat facets turn from one to the next by more than half the width of a highlight."""
+        slope = self.view_slope(phase_rad) if math.isfinite(self.facet_m) else 0.0
+        return slope > SMOOTH_PER_RAD and 2.0 * slope * self.crease_rad > 1.0
 
     @property
     def has_centroids(self) -> bool:

@@ -151,6 +151,16 @@ def test_a_metal_spheres_flux_is_that_of_its_normals(options):
             assert image.irradiance_W_m2.sum(dtype=float) == pytest.approx(truth, rel=5e-3), phase_deg
 
 
+@pytest.mark.parametrize("roughness, subdivisions, is_left_out", [(0.1, 5, True), (0.2, 4, True), (0.35, 5, False)])
+def test_highlights_that_facets_break_are_said_to_be_left_out(roughness, subdivisions, is_left_out):
+    """Facets of 0.022 rad by a highlight of 0.012 rad; each has its own, where a smooth ball has one."""
+    scene = views.scene([views.sphere(metal(roughness), subdivisions=subdivisions, radius_m=1.0)],
+                        [views.camera(32, 1.2e5)], sun_disc=False)
+    with Renderer(scene) as renderer:
+        left_out = renderer.render(views.state(phase_deg=30.0, range_m=1e4)).plan.left_out
+    assert any("highlights of a smooth" in line for line in left_out) == is_left_out, left_out
+
+
 @pytest.mark.parametrize("field, value", [("base_albedo", 1.1), ("metalness", -0.1), ("roughness", 0.05),
                                           ("roughness", np.nan), ("base_albedo", "grey")])
 def test_factors_out_of_range_are_refused_by_name(field, value):
