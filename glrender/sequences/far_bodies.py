@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from glrender_camera import PinholeCamera
 
 from ..view.view import BodyView
 
@@ -21,17 +20,10 @@ _SEEN_SIGMA, _LEAST_DN = 5.0, 0.5
 _SIGMA_OF_MEDIAN = 1.4826
 
 
-def small_boxes(views: Sequence[BodyView], camera: PinholeCamera) -> dict[int, np.ndarray]:
+def small_boxes(views: Sequence[BodyView]) -> dict[int, np.ndarray]:
     """Boxes (2, 2) [px] (x0, y0; x1, y1) of the bodies that are small and may be in the image, by their numbers."""
-    found = {}
-    for number, view in enumerate(views):
-        if view.is_visible and view.bounds_px is not None and view.size_px < SMALL_PX:
-            r = -view.camera_from_body @ view.r_camera_body_m
-            # The outline's box is without the lens, which moves all of so small a body alike.
-            moved = camera.project(r) - camera.focal_length_px * r[:2] / r[2] - camera.principal_point_px
-            if np.isfinite(moved).all():
-                found[number] = view.bounds_px.reshape(2, 2) + moved
-    return found
+    return {number: view.bounds_px.reshape(2, 2) for number, view in enumerate(views)
+            if view.is_visible and view.bounds_px is not None and view.size_px < SMALL_PX}
 
 
 def point_label(number: int, boxes: dict[int, np.ndarray], body_id: np.ndarray, image: np.ndarray,

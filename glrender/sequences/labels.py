@@ -71,7 +71,7 @@ def frame_labels(scene: Scene, state: State, camera: PinholeCamera, image: np.nd
     light = image.astype(np.float64) - (np.median(beside) if beside.size else 0.0)
     bodies = {}
     views = view_bodies(state, camera, {body.name: body.hull for body in scene.bodies})
-    small = small_boxes(views, camera)
+    small = small_boxes(views)
     for number, (body, view) in enumerate(zip(scene.bodies, views, strict=True)):
         r = -view.camera_from_body @ (view.r_camera_body_m + view.centre_m)
         places = (keypoints or {}).get(view.name, {})

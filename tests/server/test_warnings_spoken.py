@@ -18,6 +18,7 @@ import views
 from glrender import draw_still, generate, load_scene, open_renderer, take_frame
 from glrender.base.names import NOTES
 from glrender.brdf import Lambert
+from glrender.capture import frame_advice
 from glrender.engines import advice
 from glrender.scenario import RandomStates, load_scenario
 from glrender_camera import CameraModel
@@ -197,8 +198,8 @@ def test_their_cost(monkeypatch):
     scene = views.scene([views.sphere(Lambert(normal_albedo=0.2), 4)], [views.camera(1024, 4000.0, model=model)],
                         solar_irradiance_1au_W_m2=None)
     calls = {}
-    for name in ("image_advice", "frame_advice", "frame_notes"):
-        made = getattr(advice, name)
+    for made in (advice.image_advice, frame_advice.frame_advice, frame_advice.frame_notes):
+        name = made.__name__
         monkeypatch.setattr(f"glrender.capture.capture.{name}", lambda *given, _made=made, _name=name, **more: (
             calls.__setitem__(_name, lambda: _made(*given, **more)), _made(*given, **more))[1])
     with open_renderer(scene) as renderer:

@@ -51,13 +51,15 @@ def file_scale(path: Path, length_unit: str | float | None) -> float:
     ShapeError
         None is given and the format has none, or another one.
     """
-    own, scale = own_unit(path), None if length_unit is None else metres_per_unit(length_unit)
-    if own is None and scale is None:
+    own = own_unit(path)
+    unit = own if length_unit is None else length_unit
+    if unit is None:
         raise ShapeError("length_unit", "missing", hint='shape files carry no unit: "m" or "km"')
-    if own is not None and scale not in (None, metres_per_unit(own)):
+    scale = metres_per_unit(unit)
+    if own is not None and scale != metres_per_unit(own):
         raise ShapeError("length_unit", f"must be {own!r}, the unit of this format by its definition", length_unit,
                          "leave it out")
-    return scale if own is None else metres_per_unit(own)
+    return scale
 
 
 @dataclass(frozen=True, kw_only=True)
