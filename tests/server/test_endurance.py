@@ -78,8 +78,12 @@ def test_a_soak_of_seconds_loses_and_crosses_nothing_and_ends_when_it_is_asked_t
 
 @pytest.mark.slow
 def test_a_soak_of_a_minute_is_flat():
+    """Memory, descriptors and the loop's time. A leak of each peer's descriptor would be 600 from half to half."""
     record = soaked("--seconds", "60", "--clients", "4", "--kill-worker-seconds", "5")
-    assert record["restarts"] >= 2 and record["is_flat"] and record["is_steady"], record
+    before, after = record["before"], record["after"]
+    assert record["restarts"] >= 2 and record["is_steady"], json.dumps(record)
+    # Peers stay as long as they wait for a frame: longer where other tests share two cores.
+    assert after["rss_MiB"] <= before["rss_MiB"] + 2.0 and after["fds"] <= before["fds"] + 100, json.dumps(record)
 
 
 def fuzzed(*arguments):
