@@ -23,7 +23,6 @@ from ..planner.plan import UNEVEN, WindowPlan
 from ..planner.request import MAX_SAMPLES
 from ..planner.small_body_grid import MAX_RAYS_ACROSS
 from ..view.regions import Group
-from ..view.view import BodyView
 from .coverage.coverage_image import CoverageImage
 from .coverage.engine import CoverageEngine
 from .coverage.image_cells import ImageCells
@@ -32,7 +31,7 @@ from .raster.gl.mesh import IRRADIANCE_STAGE
 from .raster.gl.targets import Target
 from .raster.lens_samples import Bounds, lens_samples
 from .raster.surface_pass import Frame, SurfacePass
-from .rays.engine import RayEngine, draws
+from .rays.engine import RayEngine, draws, places_in
 from .settle import SETTLING_SAMPLES, settle
 from .shadow_check import ShadowCheck
 from .small_bodies import SmallBody, add_by_area
@@ -187,12 +186,10 @@ class IrradiancePass:
     def _cast_in_cells(self, window: WindowPlan, frame: Frame, cells: np.ndarray, n: int) -> np.ndarray:
         """Light (K, n, n) of n x n rays in each of some cells (K,) of a window's grid."""
         (columns, rows), (x0, y0, x1, y1) = window.grid, window.bounds_px
-        within = np.arange(n)
-        row, column = (np.broadcast_to(each, (len(cells), n, n)).ravel() for each in (
-            n * (cells // columns)[:, None, None] + within[:, None], n * (cells % columns)[:, None, None] + within))
+        row, column = places_in(cells // columns, cells % columns, n)
         place = np.stack([x0 + (column + 0.5) * (x1 - x0) / (n * columns), y0 + (row + 0.5) * (y1 - y0) / (n * rows)])
         across = n if window.target == "region" else n * columns
-        return self._rays.irradiance(place.T, frame.camera, _only(window, frame), draws(row, column, across)
+        return self._rays.irradiance(place.T, frame.camera, frame.only(window.bodies), draws(row, column, across)
                                      ).reshape(-1, n, n)
 
     def _draw_sampled(self, group: Group, window: WindowPlan, frame: Frame, clock: Clock, deadline: float,
@@ -328,16 +325,14 @@ class IrradiancePass:
         (columns, rows), (x0, y0, x1, y1) = grid, bounds_px
         x = x0 + (np.arange(columns) + 0.5) * (x1 - x0) / columns
         y = y0 + (np.arange(rows) + 0.5) * (y1 - y0) / rows
-        seen = _only(window, frame)
+        seen = frame.only(window.bodies)
         # Each pixel has the Sun's disc to itself; a grid of a body's own has it once.
         across = round(columns / (x1 - x0)) if window.target == "region" else columns
         if mask is None:
             return self._rays.lattice(x, y, frame.camera, seen, across).astype(np.float32)
         samples = np.zeros((rows, columns), np.float32)
         count = columns // mask.shape[1]
-        top, left = (count * axis[:, None, None] for axis in np.nonzero(mask))
-        within = np.arange(count)
-        row, column = (axis.ravel() for axis in np.broadcast_arrays(top + within[:, None], left + within))
+        row, column = places_in(*np.nonzero(mask), count)
         samples[row, column] = self._rays.irradiance(np.stack([x.take(column), y.take(row)]).T, frame.camera, seen,
                                                      draws(row, column, across))
         return samples
@@ -347,11 +342,6 @@ def _made_by_areas(window: WindowPlan, made: CoverageImage) -> tuple[np.ndarray,
     """Means of a region's cells, its plan, and the error that the tolerance is for."""
     judged, drawn = (replace(window, drawn={"boundaries": float(each)}) for each in (made.error.judged, made.error.rms))
     return made.means.astype(np.float32), drawn, judged.predicted_error
-
-
-def _only(window: WindowPlan, frame: Frame) -> list[BodyView]:
-    """All bodies, of which those of a window alone are seen: others may still cast shadows."""
-    return [replace(view, is_visible=view.is_visible and view.name in window.bodies) for view in frame.views]
 
 
 def _shadow_share(window: WindowPlan, frame: Frame) -> float:

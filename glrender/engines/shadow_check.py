@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 
 from ..planner.plan import WindowPlan
 from .raster.surface_pass import Frame
-from .rays.engine import RayEngine
+from .rays.engine import R2, RayEngine, places_in
 
 # Pixels that are looked at: an error of 1 % in RMS is in 1 of 10,000 pixels, if it is as large as the mean.
 _PIXELS = 1 << 14
-# Roberts' sequence, in two dimensions.
-_R2 = np.array([0.7548776662466927, 0.5698402909980532])
 
 
 class ShadowCheck:
@@ -34,7 +31,7 @@ class ShadowCheck:
         self._rays, self._window, self._frame = rays, window, frame
         x0, y0, x1, y1 = window.roi
         n_px = (x1 - x0) * (y1 - y0)
-        share = 0.5 + np.arange(min(_PIXELS, n_px))[:, None] * _R2
+        share = 0.5 + np.arange(min(_PIXELS, n_px))[:, None] * R2
         place = np.floor((share - np.floor(share)) * [x1 - x0, y1 - y0]).astype(int)
         self._column, self._row = np.unique(place, axis=0).T
         self._light, self._n_lit = 0.0, 0
@@ -52,19 +49,14 @@ class ShadowCheck:
         inside = np.flatnonzero((self._row >= rows.start) & (self._row < rows.stop)
                                 & (self._column >= columns.start) & (self._column < columns.stop))
         count, (x0, y0, *_) = self._window.samples, self._window.roi
-        within = np.arange(count)
-        row, column = (axis.reshape(len(inside), -1) for axis in np.broadcast_arrays(
-            (count * self._row[inside])[:, None, None] + within[:, None],
-            (count * self._column[inside])[:, None, None] + within))
+        row, column = places_in(self._row[inside], self._column[inside], count)
         drawn = samples[row - count * rows.start, column - count * columns.start].astype(np.float64)
-        pixel = np.stack([axis.ravel() for axis in (x0 - 0.5 + (column + 0.5) / count,
-                                                    y0 - 0.5 + (row + 0.5) / count)], axis=1)
-        seen = [replace(view, is_visible=view.is_visible and view.name in self._window.bodies)
-                for view in self._frame.views]
-        lit, exact = self._rays.are_lit(pixel, self._frame.camera, seen), drawn.ravel().copy()
+        pixel = np.stack([x0 - 0.5 + (column + 0.5) / count, y0 - 0.5 + (row + 0.5) / count], axis=1)
+        seen = self._frame.only(self._window.bodies)
+        lit, exact = self._rays.are_lit(pixel, self._frame.camera, seen), drawn.copy()
         other = np.flatnonzero(lit != (exact > 0.0))
         exact[other] = self._rays.irradiance(pixel[other], self._frame.camera, seen, None)
-        exact = exact.reshape(drawn.shape)
+        drawn, exact = (each.reshape(-1, count**2) for each in (drawn, exact))
         self._light += float(exact.sum()) / count**2
         self._squared.append((drawn - exact).mean(axis=1) ** 2)
         self._n_lit += int((np.maximum(drawn, exact) > 0.0).any(axis=1).sum())

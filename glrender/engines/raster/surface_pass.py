@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from glrender_camera import PinholeCamera
@@ -43,6 +43,10 @@ class Frame:
     views: Sequence[BodyView]
     bodies: Sequence[BodyPlan]
     shadows: Mapping[str, Shadow]
+
+    def only(self, names: Sequence[str]) -> list[BodyView]:
+        """All bodies, of which those of some names alone are seen: others may still cast shadows."""
+        return [replace(view, is_visible=view.is_visible and view.name in names) for view in self.views]
 
 
 class SurfacePass:

@@ -31,8 +31,10 @@ RAYS_AT_ONCE = 1 << 13
 _REACH = 3.0
 # Places of a lattice at once, of some 80 bytes.
 _PLACES_AT_ONCE = 1 << 19
-# Roberts' sequence, and the factor of a congruential generator.
-_R2, _FACTOR = np.array([0.7548776662466927, 0.5698402909980532]), 1664525
+R2 = np.array([0.7548776662466927, 0.5698402909980532])
+"""Steps of Roberts' sequence, in two dimensions [1]."""
+# Factor of a congruential generator.
+_FACTOR = 1664525
 
 BESIDE: dict[str, Any] = {"range": np.nan, "body_id": -1, "facet_id": -1, "incidence": np.nan, "emission": np.nan,
                           "phase": np.nan, "r_body": np.full(3, np.nan), "sunlit": 0.0}
@@ -43,6 +45,13 @@ _DTYPES = {name: np.int32 if name.endswith("_id") else np.float64 for name in BE
 def draws(row: np.ndarray, column: np.ndarray, across: int) -> np.ndarray:
     """Number of the Sun's draw that each place of a lattice has, with `across` places along a pixel's side."""
     return row % across * across + column % across
+
+
+def places_in(row: np.ndarray, column: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray]:
+    """Rows and columns (K n^2,) of the n x n places of a lattice in each of some cells, by its row and column (K,)."""
+    within = np.arange(n)
+    down, across = np.broadcast_arrays(n * row[:, None, None] + within[:, None], n * column[:, None, None] + within)
+    return down.ravel(), across.ravel()
 
 
 class RayEngine:
@@ -337,7 +346,7 @@ def _on_disc(pixel: np.ndarray, middle_px: tuple[float, float], draw: np.ndarray
         x += y * _FACTOR
         y += x * _FACTOR
         shift ^= shift >> 16
-    shift = shift * 2.0**-32 + _R2[:, None] * draw.take(place)
+    shift = shift * 2.0**-32 + R2[:, None] * draw.take(place)
     # Embree takes float32 anyway, and its sines are ten times as fast.
     u, v = (shift - np.floor(shift)).astype(np.float32)
     radius, angle = np.sqrt(u), np.float32(2.0 * np.pi) * v
