@@ -10,7 +10,7 @@ from glrender.base.constants import AU_M
 from glrender.brdf import Lambert, LommelSeeliger
 from scipy.spatial import ConvexHull
 
-from .random_scenes import Draw
+from .random_scenes import Draw, random_quaternion
 from .scenes import HAPKE
 from .units import draw_small
 
@@ -35,7 +35,7 @@ def draw_plain(seed: int) -> Draw:
     q = frames.look_at(r_camera_m, np.zeros(3), up)
     state = State(r_sun_inertial_m=AU_M * (np.cos(phase) * direction + np.sin(phase) * frames.dcm(q)[0]),
                   spacecraft=Pose(r_inertial_m=r_camera_m, q_from_inertial=q),
-                  bodies={"body": Pose(r_inertial_m=np.zeros(3), q_from_inertial=_quaternion(rng))})
+                  bodies={"body": Pose(r_inertial_m=np.zeros(3), q_from_inertial=random_quaternion(rng))})
     camera = PinholeCamera(name="navcam", width_px=96, height_px=96,
                            focal_length_px=body_px * range_m / (2.0 * shape.radius_m))
     return Draw(scene=Scene(bodies=[Body(name="body", shape=shape, brdf=law)], cameras=[camera]), state=state,
@@ -79,8 +79,3 @@ def _outward(points: np.ndarray, facets: np.ndarray) -> np.ndarray:
 def _units(rng: np.random.Generator, count: int) -> np.ndarray:
     vectors = rng.standard_normal((count, 3))
     return vectors / np.linalg.norm(vectors, axis=1)[:, None]
-
-
-def _quaternion(rng: np.random.Generator) -> np.ndarray:
-    vector = rng.standard_normal(4)
-    return vector / np.linalg.norm(vector)

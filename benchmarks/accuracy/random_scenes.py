@@ -80,7 +80,7 @@ def draw(seed: int, bodies: list[str] | None = None, frame_px: int = FRAME_PX,
     state = State(
         r_sun_inertial_m=AU_M * float(rng.uniform(0.8, 3.0)) * (np.cos(phase) * direction + np.sin(phase) * sideways),
         spacecraft=Pose(r_inertial_m=r_camera, q_from_inertial=frames.look_at(r_camera, target, _direction(rng))),
-        bodies={"body": Pose(r_inertial_m=np.zeros(3), q_from_inertial=_quaternion(rng))})
+        bodies={"body": Pose(r_inertial_m=np.zeros(3), q_from_inertial=random_quaternion(rng))})
     return Draw(scene=Scene(bodies=[body], cameras=[camera]), state=state, body=body_name, law=law.glsl,
                 body_px=body_px, phase_deg=phase_deg,
                 max_error=float(budgets[0] * (budgets[1] / budgets[0]) ** rng.random()))
@@ -98,6 +98,7 @@ def _direction(rng: np.random.Generator) -> np.ndarray:
     return vector / np.linalg.norm(vector)
 
 
-def _quaternion(rng: np.random.Generator) -> np.ndarray:
+def random_quaternion(rng: np.random.Generator) -> np.ndarray:
+    """A unit quaternion (4,), even over all rotations."""
     vector = rng.standard_normal(4)
     return vector / np.linalg.norm(vector)

@@ -66,24 +66,23 @@ def pixel_errors(samples: np.ndarray, count: int, noise_gain: float = 1.0,
     for is_dark, edge in ((top, np.s_[0]), (left, np.s_[:, 0]), (bottom, np.s_[-1]), (right, np.s_[:, -1])):
         if is_dark:
             padded[edge] = 0.0
-    around = np.ones((3, 3), np.uint8)
     # In place: new memory costs more than the computation.
-    high = cv2.dilate(padded, around)
-    contrast = cv2.subtract(high, cv2.erode(padded, around, dst=padded), dst=high)[1:-1, 1:-1]
+    ranges = contrast(padded, padded)[1:-1, 1:-1]
     if count == 1:
-        return samples, noise_gain * ERROR_PER_CONTRAST * contrast
+        return samples, noise_gain * ERROR_PER_CONTRAST * ranges
     # Each sample errs by its own contrast, on its own: edges give n^-1.5, noise everywhere n^-1.
     # In units of the brightest sample: a square must not underflow.
     scale = float(samples.max()) or 1.0
-    contrast *= 1.0 / scale
-    squared = pixel_means(np.multiply(contrast, contrast, out=contrast), count)
+    ranges *= 1.0 / scale
+    squared = pixel_means(np.multiply(ranges, ranges, out=ranges), count)
     return pixel_means(samples, count), noise_gain * ERROR_PER_CONTRAST * scale / count * np.sqrt(squared)
 
 
-def contrast(values: np.ndarray) -> np.ndarray:
-    """The range of values (height, width) within 3 x 3."""
+def contrast(values: np.ndarray, spare: np.ndarray | None = None) -> np.ndarray:
+    """The range of values (height, width) within 3 x 3; a spare array, which may be theirs, is written over."""
     around = np.ones((3, 3), np.uint8)
-    return cv2.dilate(values, around) - cv2.erode(values, around)
+    high = cv2.dilate(values, around)
+    return cv2.subtract(high, cv2.erode(values, around, dst=spare), dst=high)
 
 
 def pixel_means(samples: np.ndarray, count: int) -> np.ndarray:

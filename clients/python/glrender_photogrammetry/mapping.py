@@ -90,7 +90,7 @@ def laid(frames: Sequence[PosedFrame], rotations: np.ndarray, places: np.ndarray
 
 
 def adjusted(frames: Sequence[PosedFrame], found: dict[str, np.ndarray], seen: np.ndarray) -> dict[str, np.ndarray]:
-    """What `laid` returns, where the given poses and all that is seen, by `jacobian` and least squares, agree best.
+    """Poses and points as `laid` returns them, by least squares of the given poses and of all that is seen.
 
     Places count by their `place_sigma_m`, attitudes by their own RMS about the found ones, or 1 px if that is more:
     places alone hardly hold a turn of all cameras, which in a narrow field is a shift of the points. `seen` (K, 4) has

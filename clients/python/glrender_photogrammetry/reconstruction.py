@@ -217,7 +217,7 @@ def _checked_prior(prior: Mesh, points_m: np.ndarray, reach_m: float) -> Mesh:
 
 
 class _Stages:
-    """What stages give, kept in a folder that says what it was made of."""
+    """Arrays of each stage, kept in a folder that says what it was made of."""
 
     def __init__(self, folder: str | Path | None, sha256: str):
         self._folder, self.cpu_s = None if folder is None else Path(folder), dict[str, float]()

@@ -146,8 +146,7 @@ class CornerVisibility:
         """Facets (N,) that face the camera, and are lit by part of the Sun's disc."""
         facets, view = self.facets, self.view
         cosines = dot(facets.normal, view.sun_direction_body[:, None])
-        return np.flatnonzero((np.abs(cosines) < view.sun_radius_rad) & (
-            dot(facets.normal, view.r_camera_body_m[:, None]) > facets.offset_m))
+        return np.flatnonzero((np.abs(cosines) < view.sun_radius_rad) & facets.face(view.r_camera_body_m))
 
 
 def look(facets: FacetTables, view: BodyView, views: list[BodyView], cells: ImageCells, rays: RayEngine,

@@ -188,8 +188,7 @@ def _may_be_lit(bodies: list[tuple[FacetTables, BodyView]], cells: ImageCells, h
     changes = accumulate.no_changes(cells.shape)
     for facets, view in bodies:
         least = -view.sun_radius_rad if has_disc else 0.0
-        faces = (dot(facets.normal, view.sun_direction_body[:, None]) > least) & (
-            dot(facets.normal, view.r_camera_body_m[:, None]) > facets.offset_m)
+        faces = (dot(facets.normal, view.sun_direction_body[:, None]) > least) & facets.face(view.r_camera_body_m)
         outlines.add_facets(changes, cells, facets, view, projected(facets.vertices_m, view, cells.camera),
                             faces.astype(float))
     found, cover = np.empty((2, *cells.shape))

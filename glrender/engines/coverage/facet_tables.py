@@ -80,6 +80,10 @@ class FacetTables:
         if self.n_facets >= FEWEST_CENTROIDS:
             self.horizons = CentroidHorizons.of(middle_m, self.normal, solid)
 
+    def face(self, place_m: np.ndarray) -> np.ndarray:
+        """Facets (F,) bool in front of whose planes a place (3,) [m] lies."""
+        return dot(self.normal, place_m[:, None]) > self.offset_m
+
     def corner_m(self, facet: np.ndarray) -> np.ndarray:
         """Corners (3, 3, N) [m] of facets (N,): corner, axis, facet."""
         return np.stack([self.vertices_m.take(corner[facet], axis=1) for corner in self.corners])

@@ -12,7 +12,7 @@ from .mesh import ANY_REACH, MOST_UNSURE, Hits, RayMesh, dot, ray_loops
 # Reaches up to which rays meet the scene of the near facets, and facets are in it: what starts within the reach is then
 # well off the ground before it goes on among the others, and surfaces that both scenes hold leave no gap.
 _LEAVES, _HELD = 1.25, 1.5
-# Of a facet's corners and their numbers in Embree [byte].
+# Memory of a facet's corners and their numbers in Embree [byte].
 _CORNER_BYTES = 3 * 12 + 12
 # Most that float32 may put a corner off [px]: of longer facets, and of those nearer, corners stay float64.
 _MOST_OFF_PX = 0.003
@@ -105,7 +105,7 @@ class NearMesh(RayMesh):
             meet(beyond.take(hits.place), hits.facet, hits.distance_m + along_m.take(hits.place))
         place = np.flatnonzero(facet >= 0)
         number = facet.take(place)
-        # Of the transpose NumPy would copy all to take some.
+        # To take some of the transpose NumPy would copy all.
         normal = np.ascontiguousarray(self.normals.take(number, axis=0).T)
         return Hits(place=place, facet=number, distance_m=distance_m.take(place), ray=ray.take(place, axis=1),
                     normal=normal)
