@@ -82,7 +82,7 @@ class CentroidVisibility:
         is_shown = (xy.max(axis=1) > self._bounds_px[:2, None]) & (xy.min(axis=1) < self._bounds_px[2:, None])
         shown = np.flatnonzero(is_shown.all(axis=0))
         asked, is_seen, is_lit = asked[shown], is_seen[shown], is_lit[shown]
-        centroid_m, number = facets.horizons.facets[asked, 3:].T.astype(float), facets.number.take(asked)
+        centroid_m, number = facets.horizons.facets[asked, 3:].T.astype(float, order="C"), facets.number.take(asked)
         # Where neither was in doubt, both are so.
         sees = rays.in_view(centroid_m, number, view, [view], is_seen) | ~is_seen
         sees &= rays.in_light(centroid_m, number, view, [view], is_lit & sees) | ~is_lit
