@@ -18,6 +18,7 @@ from glrender.scenario.spice.instrument import camera_of_kernel
 from glrender.scenario.spice.kernels import Spice
 from glrender.scenario.spice.sources import SpiceAttitude
 from glrender.scene.detail.config import Boulders, Craters, Noise
+from glrender.scene.formats.terrain import patch
 from glrender.scene.plugins.registry import laws
 from glrender.sequences.options import FrameOptions
 from glrender_camera import AutoExposure, BrownConrady, CameraModel, Detector, MosaicModel, Optics
@@ -112,8 +113,9 @@ SCENE: tuple[Table, ...] = (
         "emission": ("list of tables", "Light that no surface scatters, as of a [coma](../coma.md)."),
         "max_error": ("float [1], 0..1", "RMS irradiance error over the mean of the lit pixels.")}),
     Table("bodies", (Body,), ("albedo_map",), {
-        "shape": ("text", "A shape file; or `generated`. Relative to this file."),
+        "shape": ("text", "A shape file; or `generated`, or `terrain`. Relative to this file."),
         "generated": ("table", "A made-up shape; below."),
+        "terrain": ("table", "Ground of a map; below."),
         "length_unit": ("\"m\", \"km\" or float", "Of the shape file; metres per unit when a number. DSKs have one."),
         "surface": ("int", "SPICE's number of the surface, of a DSK with several."),
         "sides": ("\"file\", \"front\" or \"both\"", "Of open shells, as panels; \"file\" by default."),
@@ -125,6 +127,9 @@ SCENE: tuple[Table, ...] = (
         "detail": ("table", "Made-up ground finer than the facets; below.")}, ("shape",)),
     *(Table(f"bodies.generated, kind = \"{kind}\"", (getattr(generate, kind),)) for kind in (
         "icosphere", "contact_binary", "gaussian_random_sphere", "three_lobes")),
+    Table("bodies.terrain", (patch,), ("path",), {
+        "heights": ("text", "GeoTIFF with one band of heights [m] above its datum."),
+        "orthophoto": ("text", "GeoTIFF whose grey value over its full scale scales the law's albedo.")}),
     *(Table(f"bodies.brdf, law = \"{name}\"", (law,)) for name, law in sorted(laws().items())
       if law.__module__.startswith("glrender.")),
     Table("bodies.brdf, preset", more={"preset": (

@@ -18,13 +18,16 @@ from ..brdf.presets import PRESETS
 from .body import NO_COORDINATES, Body, read_texture
 from .detail.config import Detail
 from .plugins.checks import blamed_on, is_foreign, named, try_law
-from .plugins.registry import emissions, laws
+from .plugins.registry import emissions, laws, shape_readers
 from .shape import generate
 from .shape.shape import SIDES, Shape, file_scale
 from .stars import Stars
 
-_BODY_KEYS = ("name", "shape", "generated", "length_unit", "surface", "brdf", "albedo_texture", "albedo_texture_gain",
-              "smooth_normals", "detail", "sides", "albedo_projection")
+_BODY_KEYS = ("name", "shape", "generated", "terrain", "length_unit", "surface", "brdf", "albedo_texture",
+              "albedo_texture_gain", "smooth_normals", "detail", "sides", "albedo_projection")
+# What a body's shape is made of.
+_SHAPE_KEYS = ("shape", "generated", "terrain")
+_OF_FILES = ("length_unit", "sides", "surface")
 _CAMERA_KEYS = ("name", "width_px", "height_px", "focal_length_px", "principal_point_px",
                 "q_camera_from_spacecraft", "r_camera_spacecraft_m", "model", "distortion")
 # Longest name of a file on all file systems in use.
@@ -83,13 +86,18 @@ def tables(path: str, value: object) -> Sequence[Mapping[str, Any]]:
 def body(table: Mapping[str, Any], path: str, files: Files) -> Body:
     """A body of its table in a scene file."""
     known_keys(path, table, _BODY_KEYS, required=("name", "brdf"))
-    if ("shape" in table) == ("generated" in table):
-        raise ConfigError(path, "needs exactly one of `shape` (a file) and `generated` (a table)")
-    albedo_map = None
+    if sum(key in table for key in _SHAPE_KEYS) != 1:
+        raise ConfigError(path, "needs exactly one of `shape` (a file), `generated` and `terrain` (tables)")
+    if "shape" not in table and (of_files := next((key for key in _OF_FILES if key in table), None)):
+        raise ConfigError(f"{path}.{of_files}", "goes with `shape`, a file", table[of_files], "leave it out")
+    albedo_map, gain = None, positive(f"{path}.albedo_texture_gain", table.get("albedo_texture_gain", 1.0))
     if "generated" in table:
-        if of_files := next((key for key in ("length_unit", "sides", "surface") if key in table), None):
-            raise ConfigError(f"{path}.{of_files}", "goes with `shape`, a file", table[of_files], "leave it out")
         shape = _generated(table["generated"], f"{path}.generated")
+    elif "terrain" in table:
+        with error_path(f"{path}.terrain"):
+            shape = shape_readers()["tif"].from_table(table["terrain"], files.path)
+        if shape.albedo_map is not None:
+            albedo_map = shape.albedo_map * np.float32(gain)
     else:
         with error_path(f"{path}.shape"):
             file = files.path("", table["shape"])
@@ -99,7 +107,9 @@ def body(table: Mapping[str, Any], path: str, files: Files) -> Body:
         with error_path(f"{path}.shape"):
             shape = Shape.from_file(file, length_unit=scale, sides=sides, surface=table.get("surface"))
     if "albedo_texture" in table:
-        gain = positive(f"{path}.albedo_texture_gain", table.get("albedo_texture_gain", 1.0))
+        if albedo_map is not None:
+            raise ConfigError(f"{path}.albedo_texture", "goes with ground without an orthophoto",
+                              table["albedo_texture"], "leave one out")
         with error_path(f"{path}.albedo_texture"):
             albedo_map = read_texture(files.path("", table["albedo_texture"])) * np.float32(gain)
         if shape.uv is None and "albedo_projection" not in table:

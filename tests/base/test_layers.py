@@ -38,7 +38,7 @@ OUTSIDE = {
     "glrender": {"numpy", "glrender_camera"},
     "glrender.base": {"numpy", "scipy", "pyrr", "glrender_camera"},
     "glrender.scene": {"numpy", "scipy", "PIL", "mapbox_earcut", "glrender_camera"},
-    "glrender.scene.formats": {"numpy", "spiceypy"},
+    "glrender.scene.formats": {"numpy", "scipy", "spiceypy", "rasterio", "glrender_camera"},
     "glrender.view": {"numpy", "scipy", "glrender_camera"},
     "glrender.planner": {"numpy", "cv2", "glrender_camera"},
     "glrender.engines": {"numpy", "scipy", "glrender_camera"},

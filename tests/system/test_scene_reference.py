@@ -13,6 +13,7 @@ from glrender.scenario import scenario_of_table
 from glrender.scenario.files import attitude_fields, camera_fields, scenario_file
 from glrender.scenario.files.fields import with_scales
 from glrender.scenario.files.time_fields import SAMPLER_KEYS
+from glrender.scene.formats.terrain import GeoTiff
 from glrender.sequences.options import OUTPUT_KEYS
 from missing import needed_module
 
@@ -112,8 +113,9 @@ TAKEN = {**dict.fromkeys(("bodies.orbit, of elements", "bodies.orbit, of a state
          "bodies.orbit, of its periapsis": set(with_scales("periapsis")),
          "encounter": {*with_scales("date"), *SAMPLER_KEYS}}
 # Tables that other code reads, and those whose every value the tests of scenarios refuse by name.
-ELSEWHERE = {"a body of a scenario", "attitude, in all modes of the spacecraft", 'trajectory, kind = "spice"',
-             'attitude, mode = "spice"', "output", "cameras, of an instrument kernel", "cameras, of an ISD"}
+ELSEWHERE = {"a body of a scenario", "bodies.terrain", "attitude, in all modes of the spacecraft",
+             'trajectory, kind = "spice"', 'attitude, mode = "spice"', "output", "cameras, of an instrument kernel",
+             "cameras, of an ISD"}
 
 
 @pytest.fixture(scope="module")
@@ -175,6 +177,9 @@ def test_the_tables_that_no_error_tells(tables):
     def fields(name):
         return set(tables[name].fields())
 
+    with pytest.raises(ConfigError) as raised:
+        GeoTiff.from_table({UNKNOWN: 1.0}, lambda field, name: Path(name))
+    assert fields("bodies.terrain") == set(re.search(r"known keys are ([\w, ]+)", str(raised.value))[1].split(", "))
     assert fields("output") == set(OUTPUT_KEYS)
     assert fields("a body of a scenario") == set(scenario_file._BODY_KEYS)
     assert fields("cameras, of an instrument kernel") == {*camera_fields._KERNEL_KEYS, "name"}

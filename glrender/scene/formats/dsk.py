@@ -51,7 +51,11 @@ class Dsk:
         if found != _ID_WORD:
             raise ShapeError("", "is no DSK: it must begin with 'DAS/DSK'", found.decode("ascii", "replace"),
                              "a DSK is binary; text for transfer (.xdsk) becomes one by SPICE's tobin")
-        spice = _spiceypy()
+        try:
+            import spiceypy as spice
+        except ImportError:
+            raise ShapeError("", "a DSK needs spiceypy, which is not installed",
+                             hint="pip install \"glrender[spice]\"") from None
         with _opened(spice, path) as handle:
             n_records = spice.dashfs(handle)[_FREE] - 1
             if path.stat().st_size < n_records * _RECORD_BYTES:
@@ -59,11 +63,12 @@ class Dsk:
                                  f"copy it again, as binary, all {n_records * _RECORD_BYTES} bytes")
             segments = _segments(spice, handle)
             surfaces = sorted({segment.surfce for _, segment in segments})
+            listed = " and ".join(map(str, surfaces))
             if surface is None and len(surfaces) > 1:
-                raise ShapeError("surface", f"missing: the file has {_listed(surfaces)}",
+                raise ShapeError("surface", f"missing: the file has {listed}",
                                  hint=f"choose one: surface = {surfaces[0]}")
             if surface is not None and surface not in surfaces:
-                raise ShapeError("surface", f"must be one of {_listed(surfaces)}, as the file has it", surface)
+                raise ShapeError("surface", f"must be one of {listed}, as the file has it", surface)
             chosen = [(place, segment) for place, segment in segments if surface in (None, segment.surfce)]
             for _, segment in chosen:
                 if segment.dtype != _PLATES:
@@ -78,15 +83,6 @@ class Dsk:
                 facets.append(plates - 1 + n_before)
                 n_before += n_vertices
         return FileMesh(np.concatenate(vertices), np.concatenate(facets))
-
-
-def _spiceypy() -> Any:
-    try:
-        import spiceypy
-    except ImportError:
-        raise ShapeError("", "a DSK needs spiceypy, which is not installed", hint="pip install \"glrender[spice]\"")\
-            from None
-    return spiceypy
 
 
 @contextlib.contextmanager
@@ -123,7 +119,3 @@ def _segments(spice: Any, handle: int) -> list[tuple[Any, Any]]:
 def _rows(read: Any, handle: int, place: Any, count: int) -> np.ndarray:
     return np.concatenate([np.asarray(read(handle, place, first + 1, min(_ROWS, count - first)))
                            for first in range(0, count, _ROWS)])
-
-
-def _listed(surfaces: list[int]) -> str:
-    return " and ".join(map(str, surfaces))

@@ -27,6 +27,7 @@ _EXTRAS = {"fits": ("astropy", "FITS files"), "exr": ("OpenEXR", "OpenEXR files"
            "belief": ("fast_simplification", "believed shapes of fewer facets"),
            "view": ("starlette", "the page of glrender view"), "parquet": ("pyarrow", "tables of states as Parquet"),
            "hdf5": ("h5py", "data sets as HDF5"), "dask": ("distributed", "data sets by a Dask cluster"),
+           "terrain": ("rasterio", "terrain from maps of heights"),
            "notebook": ("ipywidgets", "sliders in notebooks"), "fmi": ("pythonfmu3", "units of FMI")}
 _PORTS = {5555: "the server's --zmq", 5556: "its --tcp"}
 _LEAST_FREE_BYTES = 256 * 2**20

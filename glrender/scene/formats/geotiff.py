@@ -1,0 +1,161 @@
+"""GeoTIFF: the places of a planet on a map, and the map's values there. Needs rasterio, which has GDAL and PROJ."""
+
+from __future__ import annotations
+
+import contextlib
+import re
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.ndimage import map_coordinates
+
+from ...base.errors import ShapeError
+
+_ELLIPSOID = re.compile(r'(?:SPHEROID|ELLIPSOID)\["[^"]*",\s*([-+.\deE]+),\s*([-+.\deE]+)')
+# Metres in the unit of a band of heights; most say none.
+_METRES = {"": 1.0, "m": 1.0, "metre": 1.0, "meter": 1.0, "km": 1000.0}
+# Longitudes and latitudes [deg], whose places show whether a map goes round its planet in equal steps.
+_ROUND = np.array([[0.0, 1.0, 45.0, 46.0, 90.0], [0.0, 0.0, 60.0, 60.0, -30.0]])
+# Pixels that are read in a turn, of some 20 bytes, and the most of a map.
+_PX_AT_ONCE, _MOST_PX = 1 << 23, 1 << 33
+# Distance off the map [px], and weight of a pixel [1], that count as none.
+_NONE = 1e-6
+
+
+class Map:
+    """A GeoTIFF on its planet; columns and rows count from 0 in the middle of the top-left pixel.
+
+    Attributes
+    ----------
+    shape : (int, int) [px]
+        Rows and columns.
+    radii_m : (float, float) [m]
+        Of its datum, at the equator and at the pole.
+    is_round : bool
+        Whether its columns go round the planet.
+    """
+
+    def __init__(self, source: Any, field: str, rasterio: Any):
+        self._source, self._field, self._rasterio, self.shape = source, field, rasterio, (source.height, source.width)
+        found = None if source.crs is None else _ELLIPSOID.search(source.crs.to_wkt())
+        # Steps along columns and rows, and the first pixel's corner, on the projection.
+        self._steps, self._corner = np.hsplit(np.array(source.transform).reshape(3, 3)[:2], [2])
+        if found is None or source.transform.is_identity or not np.linalg.det(self._steps):
+            raise ShapeError(field, "must have a projection with its datum, and a place on it", source.name,
+                             "write it with both, as by gdal_translate -a_srs ... -a_ullr ...")
+        a_m, inverse_flattening = map(float, found.groups())
+        self.radii_m = a_m, a_m * (1.0 - 1.0 / inverse_flattening) if inverse_flattening else a_m
+        self._degrees = rasterio.crs.CRS.from_proj4("+proj=longlat +a={!r} +b={!r} +no_defs".format(*self.radii_m))
+        self._turn_px = self._columns_of_a_turn()
+        self.is_round = 0.0 < self._turn_px < source.width + 0.5
+
+    def _columns_of_a_turn(self) -> float:
+        """Columns [px] of 360 deg; 0 of a projection without equal steps of longitude."""
+        x, per_column = np.full(len(_ROUND[0]), np.nan), self._steps[0, 0]
+        with contextlib.suppress(ShapeError):
+            x, _ = self._projected(*_ROUND)
+        # The projection's edge may be between two of these places.
+        step = min(x[1] - x[0], x[3] - x[2], key=abs)
+        turns = (x - x[0] - step * _ROUND[0]) / (360.0 * step or np.nan)
+        return abs(360.0 * step / per_column) if per_column and np.abs(turns - np.round(turns)).max() < _NONE else 0.0
+
+    def _projected(self, x: np.ndarray, y: np.ndarray, is_back: bool = False) -> np.ndarray:
+        """The map's coordinates (2, N) of longitudes and latitudes (N,) [deg], or the other way."""
+        ends = (self._degrees, self._source.crs)
+        try:
+            return np.array(self._rasterio.warp.transform(*(ends[::-1] if is_back else ends), x, y))
+        except Exception as error:  # GDAL's errors have no public class
+            raise ShapeError(self._field, f"has a projection that does not show all of the ground: {error}",
+                             self._source.name, "choose nearer rings, or a projection about the site") from None
+
+    def pixels(self, degrees: np.ndarray) -> np.ndarray:
+        """Columns and rows (2, N) float64 [px] of longitudes and latitudes (2, N) [deg]."""
+        column, row = np.linalg.solve(self._steps, self._projected(*degrees) - self._corner) - 0.5
+        if self._turn_px:
+            column -= self._turn_px * np.round((column + 0.5 - 0.5 * self.shape[1]) / self._turn_px)
+        return np.stack([column, row])
+
+    def degrees(self, pixel: np.ndarray) -> np.ndarray:
+        """Longitudes and latitudes (2, N) float64 [deg] of columns and rows (2, N) [px]."""
+        return self._projected(*(self._steps @ (pixel + 0.5) + self._corner), is_back=True)
+
+    @property
+    def reach(self) -> str:
+        """The longitudes and latitudes of its corners, in words."""
+        lon, lat = self.degrees(np.array([[0, 0, 1, 1], [0, 1, 0, 1]]) * np.array([self.shape[::-1]]).T - 0.5)
+        return f"{lon.min():.6g} to {lon.max():.6g} deg east, {lat.min():.6g} to {lat.max():.6g} deg north"
+
+    def has(self, pixel: np.ndarray) -> np.ndarray:
+        """Whether columns and rows (2, N) [px] are within the outer edges of its pixels: (N,) bool."""
+        return (np.abs(pixel + 0.5 - (half := 0.5 * np.array([self.shape[::-1]]).T)) <= half + _NONE).all(axis=0)
+
+    def heights_m(self, pixel: np.ndarray) -> np.ndarray:
+        """Heights (N,) float64 [m] above the datum at columns and rows (2, N) [px], bilinear; NaN where it has none."""
+        source, unit, (n_rows, n_columns) = self._source, (self._source.units[0] or "").lower(), self.shape
+        if source.count != 1 or unit not in _METRES:
+            raise ShapeError(self._field, "must have one band, of heights in m or km",
+                             f"{source.count}, in {unit or 'm'}", "take it out by gdal_translate -b")
+        found, on = np.full(pixel.shape[1], np.nan), np.flatnonzero(self.has(pixel))
+        on = on[np.argsort(pixel[1, on], kind="stable")]
+        x, y, begin = pixel[0, on], np.clip(pixel[1, on], 0.0, n_rows - 1.0), 0
+        x = x % n_columns if self.is_round else np.clip(x, 0.0, n_columns - 1.0)
+        left, right = (0, n_columns) if self.is_round else (
+            int(x.min(initial=n_columns)), min(int(x.max(initial=0.0)) + 2, n_columns))
+        if len(on) and np.ptp(y) * (right - left) > _MOST_PX:
+            raise ShapeError(self._field, f"must have at most {_MOST_PX} pixels under the ground", self.shape,
+                             "cut it out, or make it coarser, by gdal_translate")
+        while begin < len(on):
+            bottom = (top := int(y[begin])) + max(_PX_AT_ONCE // (right - left), 1)
+            part = slice(begin, begin := int(np.searchsorted(y, bottom)))
+            values = self._read([1], (top, min(bottom + 1, n_rows)), (left, right))[0]
+            if self.is_round:
+                values = np.concatenate([values, values[:, :1]], axis=1)
+            is_none, place = np.isnan(values), (y[part] - top, x[part] - left)
+            found[on[part]] = map_coordinates(np.where(is_none, 0.0, values), place, order=1, mode="nearest")
+            weight = map_coordinates(is_none.astype(np.float32), place, order=1, mode="nearest")
+            found[on[part][weight > _NONE]] = np.nan
+        return _METRES[unit] * (found * source.scales[0] + source.offsets[0])
+
+    def grey(self, pixel: np.ndarray, most_px: int) -> tuple[np.ndarray, np.ndarray]:
+        """Grey values (H, W) float64 over their full scale around columns and rows (2, N) [px]; NaN for no data.
+
+        With the columns and rows (2, N) of the places there; the mean of the first three bands, if there are as many.
+        """
+        if not (on := self.has(pixel)).any():
+            raise ShapeError(self._field, "must show some of the ground", self._source.name, "its edges are elsewhere")
+        begin = np.maximum(pixel[:, on].min(axis=1).astype(int), 0)
+        size = np.minimum(pixel[:, on].max(axis=1).astype(int) + 2, self.shape[::-1]) - begin
+        drawn = np.maximum((size * min(1.0, most_px / size.max())).astype(int), 1)
+        bands, (right, bottom) = [1, 2, 3][:3 if self._source.count > 2 else 1], begin + size
+        grey = self._read(bands, (begin[1], bottom), (begin[0], right), drawn[::-1]).mean(axis=0)
+        if (kind := np.dtype(self._source.dtypes[0])).kind in "iu":
+            grey /= np.iinfo(kind).max
+        return np.where(grey >= 0.0, grey, np.nan), ((pixel + 0.5).T - begin).T * (drawn / size)[:, None] - 0.5
+
+    def _read(self, bands: list[int], rows: tuple[int, int], columns: tuple[int, int], size: Any = None) -> np.ndarray:
+        """Values (B, H, W) float64 of rows and columns, NaN for no data; means, where the size is less."""
+        made = self._source.read(bands, window=(rows, columns), masked=True,
+                                 resampling=self._rasterio.enums.Resampling.average,
+                                 out_shape=None if size is None else (len(bands), *size))
+        return np.ma.filled(made.astype(np.float64), np.nan)
+
+
+@contextlib.contextmanager
+def opened(path: Path, field: str) -> Iterator[Map]:
+    """A GeoTIFF that a field names, and no other of GDAL's formats: some lead to other files."""
+    try:
+        import rasterio.warp
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", rasterio.errors.NotGeoreferencedWarning)
+            source = rasterio.open(path, driver="GTiff")
+        with source:
+            yield Map(source, field, rasterio)
+    except ImportError:
+        raise ShapeError(field, "a GeoTIFF needs rasterio, which is not installed",
+                         hint="pip install \"glrender[terrain]\"") from None
+    except rasterio.errors.RasterioError as error:
+        raise ShapeError(field, f"is no readable GeoTIFF: {error}", str(path),
+                         "it may be cut off, or of another format, of which gdal_translate makes a GeoTIFF") from None
