@@ -8,7 +8,6 @@ same region in the same run: these machines are noisy, so read ratios.
 
 from __future__ import annotations
 
-import os
 import sys
 import time
 from functools import cache
@@ -23,8 +22,7 @@ from glrender.brdf import Hapke, Lambert, LunarLambert
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests" / "support"))
 from raytracer import Tracer
 
-SHARED = Path(os.environ.get("GLRENDER_SHARED") or Path(__file__).parent.parent.parent / "shared")
-ITOKAWA = SHARED / "data" / "itokawa" / "itokawa_64q_49152_uv.obj"
+ITOKAWA = Path(__file__).parents[1] / "tests" / "data" / "itokawa" / "itokawa_64q_49152_uv.obj"
 LAWS = {
     "lambert": Lambert(normal_albedo=0.3),
     "lunar_lambert": LunarLambert(normal_albedo=0.3, weight="mcewen"),
@@ -39,13 +37,11 @@ SIZES = {"5k": 4, "20k": 5, "49k": None, "197k": 1, "786k": 2, "3146k": 3}
 
 @cache
 def shape(size: str) -> Shape:
-    """49k is Itokawa where ../shared is there; the larger ones are it with seeded relief."""
+    """49k is Itokawa; the larger ones are it with seeded relief."""
     if size in ("5k", "20k"):
         return generate.contact_binary(radius_m=300.0, seed=1, subdivisions=SIZES[size])
     if size == "49k":
-        if ITOKAWA.is_file():
-            return Shape.from_file(ITOKAWA, length_unit="km")
-        return generate.contact_binary(radius_m=300.0, seed=1, subdivisions=6)
+        return Shape.from_file(ITOKAWA, length_unit="km")
     return generate.subdivide_with_relief(shape("49k"), levels=SIZES[size], seed=1)
 
 

@@ -1,13 +1,10 @@
 """The pictures of docs/img: what to look at when something in the renderer has changed.
 
     python examples/gallery.py [OUT_FOLDER]
-
-Itokawa is drawn where ../shared (or $GLRENDER_SHARED) has its shape.
 """
 
 from __future__ import annotations
 
-import os
 import sys
 from pathlib import Path
 
@@ -19,7 +16,6 @@ from glrender_camera import CameraModel
 from glrender_camera.faults.frame_faults import KINDS
 from PIL import Image, ImageDraw
 
-SHARED = Path(os.environ.get("GLRENDER_SHARED") or Path(__file__).parent.parent.parent / "shared")
 # Itokawa's 1.57 um set of Kitazato et al. (2008), as photometric_sets.csv has it.
 S_TYPE = Hapke(single_scattering_albedo=0.42, b=0.35, c=1.0, shoe_amplitude=0.87, shoe_width=0.01,
                roughness_deg=26.0)
@@ -90,12 +86,6 @@ def main(out: Path) -> None:
     for name, body in (("sphere", sphere), ("three_lobes", lobes), ("contact_binary", binary)):
         sheet(out / f"{name}.png", [(caption, picture(body, sun, phase, 320)) for caption, sun, phase in suns])
     faults(out / "faults.png")
-    itokawa = SHARED / "data" / "itokawa" / "itokawa_64q_49152_uv.obj"
-    if itokawa.is_file():
-        body = Body.from_file(itokawa, name="itokawa", length_unit="km", brdf=S_TYPE)
-        Image.fromarray(picture(body, (1, 0.2), 60, 640, 0.95)).save(out / "itokawa.png")
-    else:
-        sys.stderr.write(f"no {itokawa}: itokawa.png was not drawn\n")
 
 
 if __name__ == "__main__":

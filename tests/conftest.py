@@ -1,4 +1,4 @@
-"""Fixtures that many tests share. What needs ../shared says so when it is skipped."""
+"""Fixtures that many tests share. A test says so when it is skipped for want of data."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from zlib import crc32
 
 import numpy as np
 import pytest
+from data_folders import DataFolders
 from missing import missing
 
 _REPOSITORY = Path(__file__).parent.parent
@@ -23,12 +24,10 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture(scope="session")
-def shared() -> Path:
-    """The folder `data` of ../shared (or $GLRENDER_SHARED): real shapes and images, not part of the project."""
-    folder = Path(os.environ.get("GLRENDER_SHARED") or _REPOSITORY.parent / "shared") / "data"
-    if not folder.is_dir():
-        pytest.skip(f"SKIPPED FOR WANT OF DATA: {folder} is not there; set GLRENDER_SHARED")
-    return folder
+def shared() -> DataFolders:
+    """Real shapes, images and kernels: of tests/data, then of the folder `data` of ../shared (or $GLRENDER_SHARED)."""
+    other = Path(os.environ.get("GLRENDER_SHARED") or _REPOSITORY.parent / "shared") / "data"
+    return DataFolders(_REPOSITORY / "tests" / "data", other)
 
 
 @pytest.fixture(scope="session")

@@ -11,10 +11,10 @@ from glrender import Body, PinholeCamera, Pose, Scene, Shape, State, frames, gen
 from glrender.base.constants import AU_M
 from glrender.brdf import Lambert, LommelSeeliger, LunarLambert
 
-from .scenes import HAPKE, SHARED
+from .scenes import HAPKE, data_file
 
 FRAME_PX = 320
-_FILES = {"itokawa 3k": "itokawa/itokawa_16q_3072.obj", "itokawa 12k": "itokawa/itokawa_32q_12288.obj",
+_FILES = {"itokawa 3k": "itokawa/itokawa_16q_3072.obj", "itokawa 12k": "../../glrender/data/itokawa.obj",
           "itokawa 49k": "itokawa/itokawa_64q_49152_uv.obj", "bennu 49k": "bennu/bennu_49k.ply",
           "67p 4k": "67p/67p-4k.obj", "67p 16k": "67p/67p-16k.obj", "eva": "damit/Eva.obj",
           "didymos 49k": "didymos/didymos_49k.obj", "dimorphos 49k": "didymos/dimorphos_49k.ply"}
@@ -45,15 +45,15 @@ class Draw:
 
 @cache
 def shape(name: str) -> Shape:
-    """A body of the list: of ../shared where it is there, or generated."""
+    """A body of the list, of its file or generated."""
     if name in _MADE:
         return _MADE[name]()
-    return Shape.from_file(SHARED / _FILES[name], length_unit="km")
+    return Shape.from_file(data_file(_FILES[name]), length_unit="km")
 
 
 def names() -> list[str]:
     """The bodies that are there."""
-    return [name for name, path in _FILES.items() if (SHARED / path).is_file()] + list(_MADE)
+    return [name for name, path in _FILES.items() if data_file(path).is_file()] + list(_MADE)
 
 
 def draw(seed: int, bodies: list[str] | None = None, frame_px: int = FRAME_PX,

@@ -12,7 +12,8 @@ from glrender import Body, PinholeCamera, Pose, Scene, Shape, State, frames, gen
 from glrender.base.constants import AU_M
 from glrender.brdf import Hapke, Lambert
 
-SHARED = Path(os.environ.get("GLRENDER_SHARED") or Path(__file__).parent.parent.parent.parent / "shared") / "data"
+_ROOT = Path(__file__).parents[2]
+_PLACES = (_ROOT / "tests" / "data", Path(os.environ.get("GLRENDER_SHARED") or _ROOT.parent / "shared") / "data")
 _RELIEF_LEVELS = {"197k": 1, "786k": 2, "3146k": 3}
 _FILES = {"didymos": "didymos/didymos_49k.obj", "dimorphos": "didymos/dimorphos_49k.ply",
           "itokawa": "itokawa/itokawa_64q_49152_uv.obj"}
@@ -28,7 +29,7 @@ class Case:
     ----------
     name : str
     facets : str
-        "49k" is Itokawa (a generated contact binary without ../shared); larger ones are it with seeded relief.
+        "49k" is Itokawa; larger ones are it with seeded relief.
     frame_px : int
         Side of the image.
     body_px : float
@@ -67,14 +68,17 @@ CASES = (
 QUICK = ("far 20 px, 49k", "middle 245 px, 49k", "grazing 120 deg, 49k", "two bodies, 2 x 49k")
 
 
+def data_file(name: str) -> Path:
+    """A file of tests/data or, where it is not there, of ../shared/data."""
+    return next((place / name for place in _PLACES if (place / name).is_file()), _PLACES[-1] / name)
+
+
 @cache
 def shape(facets: str) -> Shape:
     """The body of the case at a number of facets."""
     if facets != "49k":
         return generate.subdivide_with_relief(shape("49k"), levels=_RELIEF_LEVELS[facets], seed=1)
-    if (SHARED / _FILES["itokawa"]).is_file():
-        return Shape.from_file(SHARED / _FILES["itokawa"], length_unit="km")
-    return generate.contact_binary(radius_m=300.0, seed=1, subdivisions=6)
+    return Shape.from_file(data_file(_FILES["itokawa"]), length_unit="km")
 
 
 def build(case: Case) -> tuple[Scene, State]:
@@ -100,12 +104,8 @@ def build(case: Case) -> tuple[Scene, State]:
 def _pair() -> tuple[list[Body], dict[str, np.ndarray]]:
     """Didymos, and Dimorphos sunward and to the side, so that its shadow falls on Didymos' limb."""
     law = Lambert(normal_albedo=0.3)
-    if (SHARED / _FILES["didymos"]).is_file():
-        bodies = [Body.from_file(SHARED / _FILES[name], name=name, length_unit="km", brdf=law)
-                  for name in ("didymos", "dimorphos")]
-    else:
-        bodies = [Body(name=name, shape=generate.contact_binary(radius_m=radius, seed=seed, subdivisions=6), brdf=law)
-                  for name, radius, seed in (("didymos", 400.0, 1), ("dimorphos", 90.0, 2))]
+    bodies = [Body.from_file(data_file(_FILES[name]), name=name, length_unit="km", brdf=law)
+              for name in ("didymos", "dimorphos")]
     q = frames.look_at(_DIRECTION, np.zeros(3))
     right, down = frames.dcm(q)[:2]
     radius = bodies[0].shape.radius_m

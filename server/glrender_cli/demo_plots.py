@@ -5,15 +5,17 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle
 
 
-def contact_sheet(path: Path, pictures: list, t_s: list[float], range_m: np.ndarray, n_shown: int = 12) -> None:
+def centres_sheet(path: Path, pictures: list, t_s: list[float], range_m: np.ndarray, n_shown: int = 12) -> None:
     """Frames spread over the flight, each with its measured centre."""
-    plt = _pyplot()
     chosen = np.unique(np.linspace(0, len(pictures) - 1, n_shown).astype(int))
     columns = 4
     rows = -(-len(chosen) // columns)
-    figure, axes = plt.subplots(rows, columns, figsize=(3.2 * columns, 3.4 * rows), squeeze=False)
+    figure = Figure(figsize=(3.2 * columns, 3.4 * rows))
+    axes = figure.subplots(rows, columns, squeeze=False)
     for axis in axes.flat:
         axis.axis("off")
     for axis, index in zip(axes.flat, chosen, strict=False):
@@ -25,17 +27,16 @@ def contact_sheet(path: Path, pictures: list, t_s: list[float], range_m: np.ndar
     figure.suptitle("What the camera saw (+: centre found on board)")
     figure.tight_layout()
     figure.savefig(path, dpi=90)
-    plt.close(figure)
 
 
 def trajectory_plot(path: Path, t_s: np.ndarray, r_true_m: np.ndarray, r_estimated_m: np.ndarray,
                     radius_m: float, latency_ms: np.ndarray) -> None:
     """True and estimated trajectory, navigation error, and latency."""
-    plt = _pyplot()
-    figure, (plane, error, latency) = plt.subplots(1, 3, figsize=(15, 4.6))
+    figure = Figure(figsize=(15, 4.6))
+    plane, error, latency = figure.subplots(1, 3)
     plane.plot(r_true_m[:, 0] / 1e3, r_true_m[:, 1] / 1e3, label="true")
     plane.plot(r_estimated_m[:, 0] / 1e3, r_estimated_m[:, 1] / 1e3, "--", label="estimated")
-    plane.add_patch(plt.Circle((0.0, 0.0), radius_m / 1e3, color="0.6"))
+    plane.add_patch(Circle((0.0, 0.0), radius_m / 1e3, color="0.6"))
     plane.set(xlabel="x inertial [km]", ylabel="y inertial [km]", title="Trajectory", aspect="equal")
     plane.legend()
     hours = t_s / 3600.0
@@ -47,13 +48,3 @@ def trajectory_plot(path: Path, t_s: np.ndarray, r_true_m: np.ndarray, r_estimat
     latency.grid(True, alpha=0.3)
     figure.tight_layout()
     figure.savefig(path, dpi=90)
-    plt.close(figure)
-
-
-def _pyplot():
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
-    return plt

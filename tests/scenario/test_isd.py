@@ -444,7 +444,7 @@ def test_the_pages_scenario_loads(shared):
     page = (Path(__file__).parents[2] / "docs" / "scenario.md").read_text(encoding="utf-8")
     text = re.findall(r"```toml\n(.*?)```", page, re.S)[0]
     text = text.replace("st_2458542208.json", str(shared / "spice_state" / AMICA)).replace(
-        'shape = "itokawa.obj"', f'shape = "{shared}/itokawa/itokawa_8q_768.obj"')
+        'shape = "itokawa.obj"', f'shape = "{shared / "itokawa" / "itokawa_8q_768.obj"}"')
     made = scenario_of_table(tomllib.loads(text))
     notes = made.check()
     assert [note.split(": ", 1)[1][:25] for note in notes] == ["the ISD's focal length 0.", "the file counts lines upw"]

@@ -51,7 +51,7 @@ def load(tmp_path, text, name="s.obj", unit="m", **kwargs):
     ("damit/Eva.obj", None, 1.0, None), ("damit/Danzig.obj", None, 1.0, None),
 ])
 def test_real_shapes_are_the_published_closed_bodies(shared, name, n_facets, volume_km3, extents_km):
-    """Facets, volume and extents of shared/data/README.md; every one is watertight and of genus 0."""
+    """Facets, volume and extents of tests/data/README.md; every one is watertight and of genus 0."""
     shape = Shape.from_file(shared / name, length_unit="km")
     report = shape.report
     assert report.is_watertight and report.n_shells == 1

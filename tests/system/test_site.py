@@ -26,7 +26,7 @@ FRAMES = ("ROS_CAM1_20140807T130717", "M605862153F5")
 def site(tmp_path_factory):
     needed_module("sphinx", "pip install -e '.[docs]'")
     folder = tmp_path_factory.mktemp("site")
-    if (SHARED / "data").is_dir():
+    if (SHARED / "data" / "67p").is_dir():
         drawn = subprocess.run([sys.executable, ROOT / "examples" / "real_frames" / "real_frames.py", "--out",
                                 folder / "gallery", "--only", *FRAMES], capture_output=True, text=True, timeout=300,
                                env={**os.environ, "GLRENDER_SHARED": str(SHARED)})
@@ -59,6 +59,7 @@ def test_the_reference_has_the_public_names(site):
 
 def test_the_gallery_has_every_frame_that_was_drawn(site, shared):
     """Its pictures are on the site, and the page's links lead to them."""
+    assert (shared / "67p" / "navcam" / f"{FRAMES[0]}.png").is_file()
     page = (site / "examples" / "real_frames" / "README.html").read_text(encoding="utf-8")
     pictures = re.findall(r'src="\.\./\.\./(gallery/[^"]+)"', page)
     assert [Path(name).stem for name in pictures] == [f"{FRAMES[0]}_refined", f"{FRAMES[1]}_SUM"]

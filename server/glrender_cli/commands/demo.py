@@ -15,6 +15,7 @@ import time
 from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +23,7 @@ from glrender import ConfigError, Pose, Shape, State, frames, generate
 from glrender.base.constants import AU_M
 from glrender.scenario import Belief, load_believed_scene
 from glrender.scenario.belief.decimation import checked_share
+from glrender.sequences.contact_sheet import contact_sheet
 from glrender.sequences.folder import made
 from glrender_camera.validate import integer
 from glrender_campaign.onboard import OF_FRAMES, OnBoard
@@ -34,11 +36,13 @@ from ..own_server import OwnServer
 from ..tolerance import read_max_error
 
 _FOCAL_LENGTH_PX_PER_WIDTH = 3.2
-# 3 mm at 512 px: pixels of a smaller image see more, and would be saturated in the shortest exposure.
-_APERTURE_M_PER_PX = 0.003 / 512
+_APERTURE_M = 0.003
 _SPIN_PERIOD_S = 4.0 * 3600.0
 _STEP_S = 60.0
 _SUN_DISTANCE_AU = 1.0
+# What the demo's extras bring, and what a demo without it is.
+_MODULES = {"belief": "fast_simplification", "plots": "matplotlib"}
+_WITHOUT = {"belief": "the on-board model is the true shape", "plots": "there is no plot of the trajectory"}
 # The path is steered back to in a tenth of the flight: of fewer steps the loop overshoots, and loses the body.
 _MIN_FRAMES = 24
 
@@ -53,8 +57,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--estimator", choices=tuple(OF_FRAMES), default="model",
                         help="how the body is found in a frame: `model` renders the estimated state by the on-board "
                              "model, `sphere` takes a sphere for it (model)")
-    parser.add_argument("--belief", default="0.1", metavar="SHARE",
-                        help="of the true shape's facets that the on-board model has (0.1); exact: the true shape")
+    parser.add_argument("--belief", metavar="SHARE",
+                        help="of the true shape's facets that the on-board model has (0.1; exact without the extra "
+                             "belief); exact: the true shape")
     parser.add_argument("--seed", type=int, default=1, help="of the body, the sensor and the manoeuvres (1)")
     parser.add_argument("--backend", default="auto", choices=("auto", "egl", "osmesa"))
     parser.add_argument("--view", type=int, metavar="PORT", help="show the frames on a page meanwhile; 0: a free port")
@@ -78,7 +83,11 @@ def run(arguments: argparse.Namespace) -> int:
     integer("frames", arguments.frames, _MIN_FRAMES, 100_000)
     integer("size-px", arguments.size_px, 64, 4096)
     read_max_error(arguments.max_error, "max-error")
-    share = _share(arguments.belief)
+    lacking = {extra for extra, module in _MODULES.items() if find_spec(module) is None}
+    if lacking:
+        say(f"Without the extra `demo` {' and '.join(_WITHOUT[extra] for extra in sorted(lacking))}: "
+            "pip install 'glrender[demo]'")
+    share = _share(arguments.belief or ("exact" if "belief" in lacking else "0.1"))
     with tempfile.TemporaryDirectory(prefix="glrender-demo-") as folder, ExitStack() as stack:
         scene_file, shape = _write_scene(Path(folder), arguments)
         belief_file = scene_file.with_name("belief.toml")
@@ -142,7 +151,7 @@ focal_length_px = {_FOCAL_LENGTH_PX_PER_WIDTH * size}
 
 [cameras.model]
 exposure_s = "auto"
-optics = {{ aperture_diameter_m = {_APERTURE_M_PER_PX * size}, transmission = 0.8, psf_sigma_px = 0.6 }}
+optics = {{ aperture_diameter_m = {_APERTURE_M}, transmission = 0.8, psf_sigma_px = 0.6 }}
 
 [cameras.model.detector]
 quantum_efficiency = 0.5
@@ -220,8 +229,6 @@ def _fly(client: Client, onboard_client: Client, shape: Shape, believed: Shape,
 
 
 def _report(log: _Log, elapsed_s: float, shape: Shape, believed: Shape, arguments: argparse.Namespace) -> int:
-    from ..demo_plots import contact_sheet, trajectory_plot
-
     r_true, r_estimated = np.array(log.r_true_m), np.array(log.r_estimated_m)
     error_m = np.linalg.norm(r_estimated - r_true, axis=1)
     range_m = np.linalg.norm(r_true, axis=1)
@@ -238,21 +245,33 @@ def _report(log: _Log, elapsed_s: float, shape: Shape, believed: Shape, argument
         "range_m": {"first": float(range_m[0]), "last": float(range_m[-1])},
     }
     (arguments.out / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
-    contact_sheet(arguments.out / "contact_sheet.png", log.pictures, log.t_s, range_m)
-    trajectory_plot(arguments.out / "trajectory.png", np.array(log.t_s), r_true, r_estimated, shape.radius_m,
-                    np.array(log.latency_ms))
+    pictures = _write_pictures(arguments.out, log, shape)
     say(f"{summary['frames']} frames, {summary['frames_per_second']:.1f} frames per second; request to frame "
         f"p50 {p50:.1f} ms, p95 {p95:.1f} ms, p99 {p99:.1f} ms")
     say(f"Navigation error, with an on-board model of {len(believed.facets)} of {len(shape.facets)} facets: "
         f"{log.handover_error_m:.1f} m at handover, {rms_m:.1f} m RMS "
         f"once settled ({100.0 * summary['navigation_error_over_range']:.2f} % of the range), "
         f"{error_m[-1]:.1f} m at the end")
-    say(f"Pictures: {arguments.out}/contact_sheet.png, {arguments.out}/trajectory.png; "
-        f"numbers: {arguments.out}/summary.json")
+    say(f"Pictures: {', '.join(map(str, pictures))}; numbers: {arguments.out}/summary.json")
     lost = not error_m[-1] < 0.1 * range_m[-1]
     if lost:
         say("The loop lost the body: the navigation error is above 10 % of the range.")
     return 1 if lost else 0
+
+
+def _write_pictures(folder: Path, log: _Log, shape: Shape) -> list[Path]:
+    """Write frames of the flight and, with matplotlib, their found centres and the trajectory."""
+    r_true, sheet, plot = np.array(log.r_true_m), folder / "contact_sheet.png", folder / "trajectory.png"
+    try:
+        from ..demo_plots import centres_sheet, trajectory_plot
+    except ImportError:
+        chosen = np.unique(np.linspace(0, len(log.pictures) - 1, 20).astype(int))
+        contact_sheet(sheet, [(f"frame {index}", log.pictures[index][0]) for index in chosen])
+        return [sheet]
+    centres_sheet(sheet, log.pictures, log.t_s, np.linalg.norm(r_true, axis=1))
+    trajectory_plot(plot, np.array(log.t_s), r_true, np.array(log.r_estimated_m), shape.radius_m,
+                    np.array(log.latency_ms))
+    return [sheet, plot]
 
 
 def say(line: str) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from glrender import ConfigError
 
+from ..new_files import EXAMPLE, write_new
 from ..subject import read_subject
 
 _SCENE = """\
@@ -49,6 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `glrender init`."""
     parser.add_argument("shape", type=Path, nargs="?", help="shape file; default: a generated contact binary")
     parser.add_argument("--unit", help="of the shape file, which carries none: m, km, or metres per unit")
+    parser.add_argument("--example", action="store_true", help=f"of Itokawa, whose shape is written as {EXAMPLE} too")
     parser.add_argument("--out", type=Path, default=Path("scene.toml"), metavar="FILE",
                         help="never replaced (scene.toml)")
 
@@ -61,21 +63,27 @@ def run(arguments: argparse.Namespace) -> int:
     if not file.parent.is_dir():
         raise ConfigError("--out", "must be in a folder that is there", str(file), f"mkdir -p {file.parent}")
     name, shape = "body", _GENERATED
-    if arguments.shape is not None:
+    if arguments.example:
+        if arguments.shape is not None:
+            raise ConfigError("--example", "has a shape of its own", str(arguments.shape), "leave one out")
+        name, shape = Path(EXAMPLE).stem, _shape(EXAMPLE, "km")
+    elif arguments.shape is not None:
         if arguments.shape.suffix.lower() == ".toml":
             raise ConfigError("shape", "must be a shape file", str(arguments.shape))
         read_subject(arguments.shape, arguments.unit)
-        name, unit = arguments.shape.stem, arguments.unit
-        unit = json.dumps(unit) if unit in ("m", "km") else unit
-        shape = f"shape = {json.dumps(str(_from_folder(arguments.shape, file.parent)))}\nlength_unit = {unit}"
+        name, shape = arguments.shape.stem, _shape(_from_folder(arguments.shape, file.parent), arguments.unit)
     text = _SCENE.format(file=file.name, name=json.dumps(name), shape=shape)
-    try:
-        with file.open("x", encoding="utf-8") as opened:
-            opened.write(text)
-    except FileExistsError:
-        raise ConfigError("--out", "is there already", str(file), "choose another name, or remove it") from None
+    write_new(file, text, (EXAMPLE,) if arguments.example else ())
     sys.stdout.write(f"{file}: next, `glrender check {file}` and `glrender render {file} --out frame.png`\n")
     return 0
+
+
+def _shape(path: str | Path, unit: str | None) -> str:
+    """A body's lines for a shape file; one that has its own unit comes without."""
+    text = f"shape = {json.dumps(str(path))}"
+    if unit is None:
+        return text
+    return f"{text}\nlength_unit = {json.dumps(unit) if unit in ('m', 'km') else unit}"
 
 
 def _from_folder(shape: Path, folder: Path) -> Path:

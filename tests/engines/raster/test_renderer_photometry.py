@@ -10,6 +10,7 @@ import raytracer
 import views
 from backends import WORKING, backend_or_skip
 from cells import slow_but
+from data_folders import ITOKAWA
 from glrender import Body, Pose, Renderer, frames, generate
 from glrender.brdf import Hapke, Lambert, LommelSeeliger, LunarLambert
 from phase_functions import mcewen, phi_lambert, phi_lommel_seeliger
@@ -129,10 +130,10 @@ def test_shadows_take_no_light_from_a_convex_body(phase_deg, monkeypatch):
 
 
 @pytest.mark.parametrize("phase_deg", [5.0, 60.0, 110.0])
-def test_a_real_shape_agrees_with_rays(shared, phase_deg):
+def test_a_real_shape_agrees_with_rays(phase_deg):
     """Itokawa, 12k facets: flux within 0.2 %, RMS within the planner's prediction; 6 x 6 rays a pixel."""
     law = Lambert(normal_albedo=0.3)
-    body = Body.from_file(shared / "itokawa" / "itokawa_32q_12288.obj", name="body", length_unit="km", brdf=law)
+    body = Body.from_file(ITOKAWA, name="body", length_unit="km", brdf=law)
     camera = views.camera(200, 900.0)
     state = views.state(phase_deg=phase_deg, range_m=3000.0)
     truth, *_ = raytracer.trace([("body", body.shape.vertices_m, body.shape.facets, law)], camera, state,
@@ -145,10 +146,10 @@ def test_a_real_shape_agrees_with_rays(shared, phase_deg):
     np.testing.assert_allclose(image.irradiance_W_m2.sum(dtype=np.float64), truth.sum(), rtol=2e-3)
 
 
-def test_more_samples_come_closer_to_rays(shared):
+def test_more_samples_come_closer_to_rays():
     """Each doubling of the samples cuts the error by 2 or more."""
     law = Lambert(normal_albedo=0.3)
-    body = Body.from_file(shared / "itokawa" / "itokawa_32q_12288.obj", name="body", length_unit="km", brdf=law)
+    body = Body.from_file(ITOKAWA, name="body", length_unit="km", brdf=law)
     camera, state = views.camera(128, 600.0), views.state(range_m=3000.0)
     truth, *_ = raytracer.trace([("body", body.shape.vertices_m, body.shape.facets, law)], camera, state,
                                 views.SOLAR_IRRADIANCE_W_M2, 8)
