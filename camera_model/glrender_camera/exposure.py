@@ -14,6 +14,8 @@ from .frame import Frame
 from .validate import known_keys, positive, within
 
 MAX_EXPOSURE_S, _MAX_STEP = 1e6, 1e6
+MIN_EXPOSURE_S = 1e-12
+"""Exposure [s] below which "auto" never goes: a tenth of what the Sun's disc asks of 0.1 m, 0.2 mrad and 1e5 e-."""
 # Auto-exposure looks at no more pixels than this: a percentile of 65,536 is good to 0.2 %.
 _MAX_METERED_PX = 2**16
 # The dimmest pixel that counts as lit for the metering, as a fraction of the brightest.
@@ -34,14 +36,14 @@ class AutoExposure:
         Fraction of full scale (the lower of full well and the largest digital number) where
         the percentile is put.
     min_s, max_s : float [s], > 0, up to 1e6
-        Limits; `max_s` is what a frame without light gets.
+        Limits; by default no shutter is too fast. `max_s` is what a frame without light gets.
     max_step : float [1], > 1, up to 1e6
         Largest ratio of the exposures of two frames, where the last frame's is given.
     """
 
     percentile: float = 99.0
     target: float = 0.7
-    min_s: float = 1e-4
+    min_s: float = MIN_EXPOSURE_S
     max_s: float = 10.0
     max_step: float = 8.0
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 from glrender_camera import CameraModel, Frame, MosaicModel, PinholeCamera
-from glrender_camera.exposure import MAX_EXPOSURE_S
+from glrender_camera.exposure import MAX_EXPOSURE_S, MIN_EXPOSURE_S
 
 from ..base.plausible import Advice
 from ..engines.advice import some_rows
@@ -101,7 +101,7 @@ def _exposure_limit(model: CameraModel | MosaicModel, asked: float | str, frame:
     if asked != "auto" and exposure_s not in (rules.min_s, rules.max_s):
         return []
     detector, is_long = model.detector, exposure_s >= rules.max_s
-    free = replace(rules, min_s=1e-12, max_s=MAX_EXPOSURE_S, max_step=1e6)
+    free = replace(rules, min_s=MIN_EXPOSURE_S, max_s=MAX_EXPOSURE_S, max_step=1e6)
     wanted_s = free.after(frame, detector)
     if (wanted_s / rules.max_s if is_long else rules.min_s / wanted_s) < LIMIT_RATIO:
         return []
@@ -134,6 +134,7 @@ def _signal_DN(scene: Scene, camera: PinholeCamera, frame: Frame, light_W_m2: fl
 def _fitting_exposure_s(scene: Scene, camera: PinholeCamera, light_W_m2: float, target: float) -> float:
     """Exposure [s] that puts a pixel with so much light at a share of the range; before the optics spread it."""
     pixel, detector = np.full((1, 1), light_W_m2, np.float32), camera.model.detector
-    rules = replace(camera.model.auto_exposure, percentile=100.0, target=target, min_s=1e-12, max_s=MAX_EXPOSURE_S)
+    rules = replace(camera.model.auto_exposure, percentile=100.0, target=target, min_s=MIN_EXPOSURE_S,
+                    max_s=MAX_EXPOSURE_S)
     return min(rules.of_irradiance(share * pixel, band.optics.aperture_area_m2 * band.electrons_per_joule, detector)
                for band, share in _bands(scene, camera))

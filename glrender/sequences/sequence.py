@@ -21,12 +21,13 @@ from ..renderer import open_renderer
 from ..scene.scene import Scene
 from ..view.state import State
 from . import labels
-from .folder import claim_folder
+from .folder import MANIFEST, claim_folder, write_whole
 from .formats import FrameFile, header_path, range_type, write
 from .header import VERSION, camera_table, decoding_of, frame_header, offset_DN
 from .options import FrameOptions, exposures_of
 from .processes import own_processes, parted, processes_of
-from .read import read_image
+from .read import read_header, read_image
+from .warned import counted, in_words
 
 _DIGITS = 5
 # Instants of an exposure at which a course is compared, in exposures from its middle: no period has all alike.
@@ -101,9 +102,19 @@ class FrameSequence:
         n_processes = processes_of(self.states, self.options, n_processes)
         once, each = parted(self.states, self.options)
         tasks = ((index, _draw, (self.path(index), index, each[index])) for index in self.missing())
+        headers = {}
         with own_processes(n_processes, _start, (self.scene, self.options, once), _stop) as pool:
-            for index, _ in pool.done(tasks):
+            for index, headers[index] in pool.done(tasks):
                 yield index
+        entries = json.loads((self.folder / MANIFEST).read_text(encoding="utf-8"))
+        all_headers = (headers.get(index) or read_header(self.path(index)) for index in range(len(self.states)))
+        entries["warnings"] = counted(header for header in all_headers if header is not None)
+        write_whole(self.folder / MANIFEST, json.dumps(entries, indent=1).encode())
+
+    def warnings(self) -> list[str]:
+        """The frames' warnings, once all are drawn: the first of each kind, and how many frames have one."""
+        entries = json.loads((self.folder / MANIFEST).read_text(encoding="utf-8"))
+        return in_words(entries["warnings"], len(self.states))
 
     def __repr__(self) -> str:
         n_missing = len(self.missing())
@@ -201,9 +212,12 @@ def _stop() -> None:
     _renderer = None
 
 
-def _draw(path: Path, index: int, state: State | None) -> None:
+def _draw(path: Path, index: int, state: State | None) -> dict[str, Any]:
+    """Draw a frame and write it; returns what `counted` reads of its header."""
     try:
-        write(path, drawn(_renderer, index, _states[index] if state is None else state, _options))
+        file = drawn(_renderer, index, _states[index] if state is None else state, _options)
+        write(path, file)
+        return {name: file.header[name] for name in ("index", "warnings", "warning_codes")}
     except ConfigError as error:
         error.path = path_in_states(index, error.path)
         raise

@@ -7,7 +7,6 @@ import json
 import platform
 import shutil
 import time
-from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
@@ -24,22 +23,17 @@ from ...scene.scene import Scene
 from ...view.state import State
 from .. import labels
 from ..folder import MANIFEST, claim_folder, write_whole
-from ..formats import range_type
 from ..header import VERSION, camera_table
 from ..options import FrameOptions, exposures_of
 from ..processes import Pool, own_processes, parted, processes_of
 from ..sequence import digest_of_scene, digest_of_states
+from ..warned import counted, in_words
 from . import bop, coco
 from .drawing import Setup, draw_elsewhere, draw_here, start, stop
 from .shards import FORMATS, Files
 
 FRAMES_A_SHARD = 50
 _LIBRARIES = ("numpy", "scipy", "pillow")
-# Labels, twice: in the shard and in a file of their own; and the heads of a tar file.
-_JSON_BYTES = 16_000
-# The mask has `body_id`; ranges are of `range_type`.
-_BYTES = {"body_id": 0, "incidence": 4, "emission": 4, "phase": 4, "facet_id": 4,
-          "r_body": 12, "sunlit": 4}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -182,15 +176,13 @@ class DataSet:
         return json.loads((self.folder / MANIFEST).read_text(encoding="utf-8"))["throughput"]
 
     def warnings(self) -> list[str]:
-        """The renderer's warnings: the first of each kind, and how many frames have one."""
-        counts, first = Counter(), {}
-        for number in self.numbers():
-            for line in self.labels_path(number).read_text(encoding="utf-8").splitlines():
-                frame = json.loads(line)
-                for code, text in dict(zip(frame["warning_codes"], frame["warnings"], strict=True)).items():
-                    counts[code] += 1
-                    first.setdefault(code, f"frame {frame['index']}: {text}")
-        return [f"{first[code]} ({count} of {len(self.states)} frames: {code})" for code, count in counts.items()]
+        """The frames' warnings, once all are drawn: the first of each kind, and how many frames have one."""
+        entries = json.loads((self.folder / MANIFEST).read_text(encoding="utf-8"))
+        return in_words(entries["warnings"], len(self.states))
+
+    def _counted(self) -> dict[str, dict[str, Any]]:
+        return counted(json.loads(line) for number in self.numbers()
+                       for line in self.labels_path(number).read_text(encoding="utf-8").splitlines())
 
     def _task(self, number: int, pool: Pool, is_here: bool) -> tuple[Any, tuple]:
         indices = self.indices(number)
@@ -242,7 +234,8 @@ class DataSet:
             "renderers": totals["renderers"]}
         versions = {"python": platform.python_version(), **{name: version(name) for name in _LIBRARIES}}
         write_whole(file, json.dumps({**self.claim(), "versions": versions, "scenario": self.scenario,
-                                      "shards": shards, "throughput": throughput}, indent=1).encode())
+                                      "warnings": self._counted(), "shards": shards,
+                                      "throughput": throughput}, indent=1).encode())
 
 
 def digest_of_shard(path: Path) -> str:
@@ -253,12 +246,3 @@ def digest_of_shard(path: Path) -> str:
     for file in sorted(file for file in path.rglob("*") if file.is_file()):
         digest.update(f"{file.relative_to(path).as_posix()} {digest_of_shard(file)}\n".encode())
     return digest.hexdigest()
-
-
-def most_bytes(scene: Scene, camera: str, n_frames: int, products: Sequence[str] = ()) -> int:
-    """Most bytes of a data set on disk: pixels, masks and products as they are, without compression."""
-    pinhole = scene.camera(camera)
-    n_px = pinhole.width_px * pinhole.height_px
-    each = _BYTES | {"range": range_type(pinhole)().itemsize}
-    # A digital number has 2 bytes, an irradiance 4; a mask one.
-    return n_frames * (n_px * ((2 if pinhole.model else 4) + 1 + sum(each[name] for name in products)) + _JSON_BYTES)

@@ -13,12 +13,13 @@ from glrender.capture.outputs import has_exposure
 from glrender.engines.advice import scene_advice
 from glrender.scenario import RandomStates, Scenario
 from glrender.scenario.files.keypoint_fields import off_surface
-from glrender.sequences.dataset.dataset import most_bytes
 from glrender.sequences.options import options_of
 from glrender.view.view import view_bodies
+from glrender_camera.validate import integer
 
 from ..drawing import Drawn, add_drawing, draw, in_words, summary
 from ..picture import add_picture, check_picture, check_place, write_picture
+from ..rehearsal import rehearse
 from ..subject import add_subject, read_subject
 from ..waited import waited_s
 
@@ -29,6 +30,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("given", nargs="?", type=Path, metavar="STATE", help="the same as --state STATE")
     add_drawing(parser)
     add_picture(parser, "")
+    parser.add_argument("--try", dest="n_tried", type=int, default=12, metavar="N",
+                        help="of a scenario: frames that are drawn across its ranges, and not kept (12); 0: none")
     parser.add_argument("--plot", type=Path, metavar="FILE.png",
                         help="of a scenario: draw its range, phase, Sun, field of view and path there")
 
@@ -55,6 +58,9 @@ def run(arguments: argparse.Namespace) -> int:
         raise ConfigError("--plot", "is of a trajectory; random states have none", str(arguments.plot), "leave it out")
     if is_sequence:
         _check_sequence(subject.scenario)
+        if arguments.n_tried:
+            sys.stdout.flush()
+            rehearse(subject.scenario, integer("--try", arguments.n_tried, 0, 1000), arguments.backend)
         if arguments.plot is not None:
             _plot(subject.scenario, arguments)
         return 0
@@ -84,7 +90,7 @@ def _plot(scenario: Scenario, arguments: argparse.Namespace) -> None:
 
 def _check_sequence(scenario: Scenario | RandomStates) -> None:
     with error_path("output"):
-        output = options_of(scenario.scene, scenario.output)
+        output = options_of(scenario.scene, scenario.output).text
     belief = (scenario.setting if isinstance(scenario, RandomStates) else scenario).belief
     with error_path("belief"):
         belief.scene(scenario.scene)
@@ -92,15 +98,12 @@ def _check_sequence(scenario: Scenario | RandomStates) -> None:
     for warning in (*scene_advice(scenario.scene), *scenario.check(), *off_surface(scenario.scene, scenario.keypoints)):
         sys.stderr.write(f"glrender: warning: {warning}\n")
     if isinstance(scenario, RandomStates):
-        size = most_bytes(scenario.scene, scenario.camera.name, scenario.frames, output.products)
         sys.stdout.writelines(f"random: {name} {value}\n" for name, value in scenario.told().items())
-        sys.stdout.write(f"on disk: {size / 1e6:.3g} MB at most, with{'out' * (not output.products)} products"
-                         f"{' ' * bool(output.products)}{', '.join(output.products)}\n")
         return
     t_s = scenario.t_s
     sys.stdout.write(f"sequence: {len(t_s)} states over {t_s[-1] - t_s[0]:g} s"
                      f"{'' if scenario.start is None else f' from {scenario.start.tdb} TDB'}\n"
-                     f"output: {output.text}\n")
+                     f"output: {output}\n")
 
 
 def _of_body(body: Body) -> str:

@@ -20,12 +20,9 @@ from glrender.sequences.dataset.sheet import label_sheet
 from glrender.sequences.options import options_of
 from tqdm import tqdm
 
+from ..rehearsal import FOLLOWED, LIMB_POINTS, dataset_table
 from ..tolerance import read_max_error
 from .sequence import exposure, read_states
-
-_LIMB_POINTS = 64
-# Fields of [output] that a data set follows; it has formats and labels of its own.
-_FOLLOWED = ("camera", "output", "products", "seed", "exposure_s", "max_error")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -40,7 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--output", choices=("irradiance", "dn"), help="default: dn where the camera has a model")
     parser.add_argument("--products", nargs="*", metavar="NAME",
                         help="range, incidence, emission, phase, ... of each pixel, with the mask")
-    parser.add_argument("--limb-points", type=int, default=_LIMB_POINTS, metavar="N", help="of a body (64)")
+    parser.add_argument("--limb-points", type=int, default=LIMB_POINTS, metavar="N", help="of a body (64)")
     parser.add_argument("--seed", type=int, help="of [random] and of the frames' noise (the file's, and 0)")
     parser.add_argument("--exposure-s", type=exposure, help="with dn: seconds, or auto; default: the camera's")
     parser.add_argument("--max-error", metavar="SHARE", help="or units with one each; the scene's")
@@ -85,8 +82,7 @@ def _dataset(arguments: argparse.Namespace) -> tuple[DataSet, list[str]]:
         scene, keypoints, output = scenario.scene, scenario.keypoints, scenario.output
     with error_path("output"):
         options_of(scene, output)
-    table = {name: value for name, value in output.items() if name in _FOLLOWED}
-    camera_name, warnings = arguments.camera or table.get("camera"), []
+    camera_name, warnings = arguments.camera or output.get("camera"), []
     if scenario is None:
         states, source = read_states(arguments.states), {"states": "file"}
     else:
@@ -101,10 +97,9 @@ def _dataset(arguments: argparse.Namespace) -> tuple[DataSet, list[str]]:
                               "change its `frames`, or give it [random] instead of a trajectory")
         warnings, states = scenario.check(), list(scenario.iter_states())
     camera = scene.camera(camera_name) if camera_name else scene.cameras[0]
-    table = {"output": "dn" if camera.model else "irradiance", **table, "labels": True}
-    asked = {name: getattr(arguments, name) for name in _FOLLOWED} | {
+    asked = {name: getattr(arguments, name) for name in FOLLOWED} | {
         "camera": camera.name, "max_error": read_max_error(arguments.max_error)}
-    options = replace(options_of(scene, table, asked, arguments.backend), keypoints=keypoints,
+    options = replace(options_of(scene, dataset_table(output, camera), asked, arguments.backend), keypoints=keypoints,
                       limb_points=arguments.limb_points)
     dataset = DataSet(scene=scene, states=states, folder=arguments.out, options=options, format=arguments.format,
                       frames_a_shard=arguments.shard_frames, source=source,

@@ -91,6 +91,8 @@ def run(arguments: argparse.Namespace) -> int:
     with tqdm(total=n_frames, initial=n_there, unit="frame", disable=None) as bar:
         for _ in sequence.draw(arguments.processes):
             bar.update()
+    for warning in sequence.warnings():
+        sys.stderr.write(f"glrender: warning: {warning}\n")
     shown = np.unique(np.linspace(0, n_frames - 1, min(n_frames, _ON_SHEET)).astype(int)).tolist()
     sheet = arguments.out / "contact_sheet.png"
     offset = offset_DN(scene.camera(options.camera))
