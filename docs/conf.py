@@ -40,11 +40,7 @@ _GALLERY = Path(os.environ.get("GLRENDER_GALLERY") or Path(__file__).parents[1] 
 
 
 def _completed(app, name: str, source: list[str]) -> None:
-    """Pages that are made at a build: the fields of files, from their classes; the gallery, from its pictures."""
-    if name == "docs/reference/scene_files":
-        import scene_fields
-
-        source[0] += "\n" + scene_fields.markdown()
+    """The page that is made at a build: the gallery, from its pictures."""
     if name == "examples/real_frames/README" and (_GALLERY / "ncc.csv").is_file():
         import gallery
 

@@ -1,4 +1,7 @@
-"""Fields of scene and scenario files, read from the classes that they become: `docs/conf.py` makes a page of them."""
+"""Fields of scene and scenario files, read from the classes that they become.
+
+`python docs/reference/scene_fields.py` writes the page `scene_files.md` anew; a test holds it equal to the classes.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +10,7 @@ import inspect
 import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 from glrender import Body, Detail, PinholeCamera, Scene, Stars, generate
@@ -26,6 +30,15 @@ from glrender_camera.aberrations import Aberrations
 from glrender_camera.presets import PRESETS as CAMERA_PRESETS
 from glrender_camera.straylight import StrayLight
 from numpydoc.docscrape import NumpyDocString
+
+PAGE = Path(__file__).with_name("scene_files.md")
+_HEAD = """# Fields of scene and scenario files
+
+This page lists every field that a scene file or a scenario file may have; `glrender fields cameras.model.detector`
+prints a part of it. [Scene files](../scene.md) and [scenarios](../scenario.md) say how they are used, and
+`glrender init --scenario csv` (or spice, oem, isd, encounter, hover, dataset) writes a whole example.
+
+"""
 
 
 @dataclass(frozen=True)
@@ -254,6 +267,11 @@ SCENARIO: tuple[Table, ...] = (
 """Tables that a scenario file may have besides."""
 
 
+def page() -> str:
+    """The whole page."""
+    return _HEAD + markdown().rstrip("\n") + "\n"
+
+
 def markdown() -> str:
     """The page's tables, in Markdown."""
     out: list[str] = []
@@ -276,3 +294,7 @@ def _code(default: str) -> str:
 
 def _cell(text: Any) -> str:
     return str(text).replace("|", "\\|").replace("<", "&lt;").replace("*", "\\*")
+
+
+if __name__ == "__main__":
+    PAGE.write_text(page(), encoding="utf-8")

@@ -63,7 +63,7 @@ def measured_errors(field: Field, radii_m: tuple[float, float, float], hits: Hit
     """
     nearest, typical, far = radii_m
     inner = nearest * (typical / nearest) ** np.array([0.0, 0.5, 0.8])
-    edges = np.array([_LEAST * nearest, *inner, *(x * typical for x in _ZONES if nearest < x * typical < far)])
+    edges = np.array([_LEAST * nearest, *inner, *(x * typical for x in _ZONES if inner[-1] < x * typical < far)])
     rng = np.random.default_rng(seed)
     zones = [_zone(field, low, high, far, hits, rng)
              for low, high in zip(edges, (*edges[1:], far), strict=True)]

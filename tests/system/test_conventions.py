@@ -82,7 +82,8 @@ def test_every_block_of_the_page_is_tried():
 # Units and types
 
 
-UNITS = ("m", "px", "s", "ms", "ns", "deg", "rad", "rad_s", "m_s", "nm", "W_m2", "electrons", "DN", "K", "kg_m3", "au")
+UNITS = ("m", "px", "s", "ms", "ns", "deg", "rad", "rad_s", "m_s", "nm", "W_m2", "electrons", "DN", "K", "kg_m3", "au",
+         "hz", "rad2_hz")
 # Numbers [1], counts and years of the scene files in docs/.
 PURE = {"B", "R", "acceleration_error", "albedo_factor", "albedo_texture_gain", "aspect", "b", "bit_depth", "c",
         "central_obscuration", "coverage", "depth", "exponent", "extinction_efficiency", "f_number", "facets",
@@ -101,8 +102,8 @@ def numbers_of(table):
         values = value if isinstance(value, list) and value else [value]
         if all(isinstance(each, dict) for each in values):
             for each in values:
-                # What takes milliseconds, and in what unit they are, the outer name says.
-                yield from (name,) if name.endswith("_ms") else numbers_of(each)
+                # The outer name says what takes milliseconds, and in what unit they are; keypoints have any names.
+                yield from (name,) if name.endswith("_ms") else numbers_of(each) if name != "keypoints" else ()
         elif all(isinstance(each, (int, float)) and not isinstance(each, bool) for each in values):
             yield name
 
@@ -112,9 +113,10 @@ def without_unit(names):
 
 
 def test_documented_scene_files_have_units_in_their_names():
-    """Every number of the TOML in docs/ ends in its unit, but for those that have none."""
+    """Every number of the TOML in docs/ and in the cookbook ends in its unit, but for those that have none."""
     tables = [tomllib.loads(text) for page in sorted((ROOT / "docs").glob("*.md"))
               for text in re.findall(r"```toml\n(.*?)```", page.read_text(encoding="utf-8"), re.S)]
+    tables += [tomllib.loads(path.read_text()) for path in (ROOT / "server/glrender_cli/cookbook").glob("*.toml")]
     found = [name for table in tables for name in numbers_of(table)]
     assert len(found) > 60 and without_unit(found) <= PURE, without_unit(found) - PURE
 

@@ -13,7 +13,7 @@ import glrender
 import PIL.Image
 import pytest
 import serving
-from glrender import Scene, generate
+from glrender import generate
 from glrender_camera import AutoExposure, Detector, Optics
 from glrender_camera.aberrations import Aberrations
 from glrender_camera.faults.fault import Fault
@@ -80,28 +80,47 @@ def test_names_for_all_hide_none_of_other_packages():
     assert names["Renderer"] is glrender.Renderer and set(glrender.__all__) <= set(names)
 
 
-CAMERA = """solar_irradiance_1au_W_m2 = 700.0
-[[bodies]]
-name = "moonlet"
+BASE = """[[bodies]]
+name = "NAME"
 generated = {kind = "icosphere", radius_m = 50.0, subdivisions = 2}
 brdf = {law = "lambert", normal_albedo = 0.2}
 [[cameras]]
-name = "wide"
+name = "navcam"
 width_px = 64
 height_px = 64
 focal_length_px = 300.0
 """
+AT_REST = """[trajectory]
+kind = "at_rest"
+r_m = [2000.0, 0.0, 0.0]
+[sun]
+r_m = [1.0e11, 0.0, -1.0e11]
+[time]
+times_s = [0.0]
+"""
+# Files that are no scene: their own commands read them (tests/campaign, tests/vizard, tests/scene/test_plugins.py).
+NO_SCENES = ("campaign.md", "basilisk.md", "plugins.md")
+TOML = [pytest.param(text, id=f"{page.relative_to(ROOT)}-{index}") for page in PAGES if page.name not in NO_SCENES
+        for index, text in enumerate(re.findall(r"```toml\n(.*?)```", page.read_text(encoding="utf-8"), re.S))]
 
 
-@pytest.mark.parametrize("index", [0, 1])
-def test_the_scene_files_of_the_camera_models_page_load(index):
-    """Its tables, behind a body and a camera."""
-    page = (ROOT / "docs" / "camera_model.md").read_text(encoding="utf-8")
-    text = re.findall(r"```toml\n(.*?)```", page, re.S)[index]
-    # A mosaic's bands have their own irradiance.
-    table = tomllib.loads(CAMERA[CAMERA.index("[["):] + text if "pattern" in text else CAMERA + text)
-    camera = Scene.from_dict(table).cameras[0]
-    assert camera.model is not None and (camera.distortion is None) == ("distortion" not in text)
+@pytest.mark.parametrize("text", TOML)
+def test_glrender_check_takes_every_toml_of_the_pages(text, tmp_path, monkeypatch, capsys):
+    """In a folder with the files that they name; parts behind a body and a camera. Frames are smaller."""
+    generate.three_lobes(radius_m=0.3, subdivisions=2).to_file(tmp_path / "itokawa.obj")
+    PIL.Image.new("L", (64, 32), 128).save(tmp_path / "albedo.png")
+    monkeypatch.chdir(tmp_path)
+    if not isinstance(tomllib.loads(text).get("bodies"), list):
+        name = re.search(r'body = "(\w+)"|belief\.bodies\.(\w+)|$', text)
+        base = BASE.replace("NAME", name[1] or name[2] or "moonlet")
+        text = f"{base}{text}{AT_REST if '[belief' in text else ''}"
+    (tmp_path / "page.toml").write_text(text.replace("_px = 1024", "_px = 64"))
+    assert main(["check", "page.toml", "--max-error", "0.2"]) == 0, capsys.readouterr().err
+    assert "camera navcam: " in capsys.readouterr().out
+
+
+def test_there_is_toml():
+    assert len(TOML) >= 7
 
 
 @pytest.mark.parametrize("kind", [Optics, Aberrations, StrayLight, Detector, AutoExposure])
@@ -189,6 +208,7 @@ def test_each_line_of_a_call_stack_is_in_the_code():
 
 
 def test_documents_stay_short():
+    """All but the page of all fields (docs/reference), which is made of the classes and looked up, not read."""
     count = {page: len(page.read_text(encoding="utf-8").splitlines()) for page in DOCUMENTS}
     assert sum(lines for page, lines in count.items() if page.is_relative_to(ROOT / "docs")) <= 2600
     assert count[ROOT / "CHANGELOG.md"] <= 60

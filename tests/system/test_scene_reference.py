@@ -198,5 +198,6 @@ def test_every_field_has_its_type_and_the_defaults_are_the_classes(page, tables)
     assert fields["aperture_diameter_m"].default == "required" and fields["transmission"].default == "1.0"
     assert tables["the file"].fields()["max_error"].default == "0.02"
     text = page.markdown()
+    assert page.PAGE.read_text(encoding="utf-8") == page.page(), "python docs/reference/scene_fields.py writes it anew"
     assert text.count("\n### ") == len(tables) and "| `roughness_deg` | float [deg], 0..75 | `0.0` |" in text
 

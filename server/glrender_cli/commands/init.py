@@ -1,4 +1,4 @@
-"""`glrender init`: a scene file with comments, to start from."""
+"""`glrender init`: a scene file or a whole scenario with comments, to start from."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 
 from glrender import ConfigError
 
-from ..new_files import EXAMPLE, write_new
+from ..new_files import EXAMPLE, SCENARIOS, scenario_text, write_new
 from ..subject import read_subject
 
 _SCENE = """\
@@ -51,21 +51,28 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("shape", type=Path, nargs="?", help="shape file; default: a generated contact binary")
     parser.add_argument("--unit", help="of the shape file, which carries none: m, km, or metres per unit")
     parser.add_argument("--example", action="store_true", help=f"of Itokawa, whose shape is written as {EXAMPLE} too")
-    parser.add_argument("--out", type=Path, default=Path("scene.toml"), metavar="FILE",
-                        help="never replaced (scene.toml)")
+    parser.add_argument("--scenario", choices=SCENARIOS, help="write a whole scenario of the example's body instead, "
+                                                              "with the files that it names")
+    parser.add_argument("--out", type=Path, metavar="FILE", help="never replaced (scene.toml, or scenario.toml)")
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Write the scene file, once its shape could be read."""
-    file = arguments.out
+    """Write the file, once the shape of a scene could be read."""
+    file = arguments.out or Path("scene.toml" if arguments.scenario is None else "scenario.toml")
     if file.suffix.lower() != ".toml":
         raise ConfigError("--out", "must end in .toml", str(file))
     if not file.parent.is_dir():
         raise ConfigError("--out", "must be in a folder that is there", str(file), f"mkdir -p {file.parent}")
+    if arguments.shape is not None and (arguments.example or arguments.scenario):
+        raise ConfigError("--example" if arguments.example else "--scenario", "has a shape of its own",
+                          str(arguments.shape), "leave one out, and write your shape into the file")
+    if arguments.scenario:
+        write_new(file, scenario_text(arguments.scenario, file), (EXAMPLE, *SCENARIOS[arguments.scenario]))
+        sys.stdout.write(f"{file}: next, `glrender check {file}` and `glrender "
+                         f"{'dataset' if arguments.scenario == 'dataset' else 'sequence'} {file} --out frames`\n")
+        return 0
     name, shape = "body", _GENERATED
     if arguments.example:
-        if arguments.shape is not None:
-            raise ConfigError("--example", "has a shape of its own", str(arguments.shape), "leave one out")
         name, shape = Path(EXAMPLE).stem, _shape(EXAMPLE, "km")
     elif arguments.shape is not None:
         if arguments.shape.suffix.lower() == ".toml":
