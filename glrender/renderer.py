@@ -18,6 +18,9 @@ from .base.own_process import OwnProcess
 from .base.stopwatch import Clock
 from .brdf import Law
 from .engines.coverage.engine import CoverageEngine
+from .engines.derivatives.parameters import checked_derivatives
+from .engines.derivatives.refusals import check_derivable
+from .engines.derivatives.region_derivatives import derivatives_of
 from .engines.emissions import Emissions
 from .engines.image import Image, checked_products
 from .engines.irradiance import IrradiancePass
@@ -64,7 +67,7 @@ class Renderer:
     """
 
     settings: tuple[str, ...] = ()
-    options: tuple[str, ...] = ("engine", "deadline_s", "use", "out")
+    options: tuple[str, ...] = ("engine", "deadline_s", "use", "out", "derivatives")
 
     def __init__(self, scene: Scene, backend: str = "auto", device_index: int | None = None):
         if not isinstance(scene, Scene):
@@ -127,7 +130,7 @@ class Renderer:
     def render(self, state: State, camera: str | PinholeCamera | None = None, *,
                max_error: float | Mapping[str, float] | None = None, products: Iterable[str] = ("irradiance",),
                samples: int | None = None, engine: str | None = None, deadline_s: float | None = None,
-               use: ImageUse = WHOLE_IMAGE, out: np.ndarray | None = None) -> Image:
+               use: ImageUse = WHOLE_IMAGE, out: np.ndarray | None = None, derivatives: Iterable[str] = ()) -> Image:
         """Draw one frame.
 
         Parameters
@@ -150,6 +153,9 @@ class Renderer:
             `capture` passes it.
         out : (height, width) float32 array, optional
             Where the irradiance is drawn, instead of new memory.
+        derivatives : iterable of str
+            Parameters by which the image is differentiated: ``spacecraft``, ``bodies.NAME``, ``sun``,
+            ``focal_length``, and ``law.NAME`` of a law's number (docs/derivatives.md).
 
         Returns
         -------
@@ -164,9 +170,12 @@ class Renderer:
         """
         self._own.check()
         clock, wanted, deadline = Clock(), checked_products(products), _deadline(deadline_s)
-        request = self._request(camera, max_error, samples, engine, use)
+        names = checked_derivatives(derivatives, self.scene)
+        request = self._request(camera, max_error, samples, engine, use, bool(names))
         traits = [body.traits for body in self._bodies.values()]
         seen = seen_bodies(state, request.camera, self.scene.hulls, traits, request.has_sun_disc)
+        if names:
+            check_derivable(names, self.scene, request, seen)
         plan, irradiance = plan_frame(seen, request), _blank(request.camera, out)
         clock.lap("plan")
         frame = self._frame(plan)
@@ -176,13 +185,18 @@ class Renderer:
         if self._emissions:
             made = self._emissions.add(irradiance, state, frame, made)
             clock.lap("emission")
+        jacobian = None
+        if names:
+            jacobian, error = derivatives_of(names, drawn, frame, self._rays)
+            made = replace(made, jacobian_error=error)
+            clock.lap("derivatives")
         arrays = {}
         if wanted:
             arrays = self._drawn_products(wanted, plan, frame, drawn)
             clock.lap("products")
         made = replace(made, milliseconds=sum(clock.laps_ms.values()), memory_bytes=self._added_bytes(frame))
         return Image(irradiance_W_m2=irradiance, products=arrays, small_bodies=drawn.small_bodies, plan=made,
-                     timings_ms=clock.laps_ms, request=(self.scene, state, request.camera))
+                     jacobian=jacobian, timings_ms=clock.laps_ms, request=(self.scene, state, request.camera))
 
     def _added_bytes(self, frame: Frame) -> dict[str, int]:
         """Memory [byte] that a frame takes beyond what opening took."""
@@ -191,11 +205,11 @@ class Renderer:
                 "shadow_maps": DEPTH_BYTES * texels}
 
     def _request(self, camera: str | PinholeCamera | None, max_error: float | Mapping[str, float] | None,
-                 samples: int | None, engine: str | None, use: ImageUse) -> Request:
+                 samples: int | None, engine: str | None, use: ImageUse, has_derivatives: bool) -> Request:
         """The frame's demands, checked."""
         request = Request(
             camera=self.scene.drawn_camera(camera, self.draws_lenses), use=use, samples=samples, engine=engine,
-            engines=self._engines,
+            engines=self._engines, has_derivatives=has_derivatives,
             max_error=self.scene.max_error if max_error is None else checked_max_error(max_error),
             has_gpu=not self._context.is_software, has_sun_disc=self.scene.sun_disc)
         return replace(request, use=replace(request.use, apart_px=0.0)) if self._emissions.dims else request

@@ -17,6 +17,7 @@ from ..planner.plan import RenderPlan
 from ..scene.scene import Scene
 from ..view.state import State
 from .advice import Advice, image_advice
+from .derivatives.jacobian import Jacobian
 from .small_bodies import SmallBody
 
 _BYTES = {"range": 8, "body_id": 4, "facet_id": 4, "incidence": 4, "emission": 4, "phase": 4, "r_body": 12, "sunlit": 4}
@@ -43,6 +44,8 @@ class Image:
         Bodies of a few pixels or less: flux and centre of brightness, where OpenGL drew them alone.
     request : (Scene, State, PinholeCamera), optional
         Scene, state and camera of the image.
+    jacobian : Jacobian, optional
+        Derivatives by the parameters that were asked for.
     """
 
     irradiance_W_m2: np.ndarray
@@ -51,6 +54,7 @@ class Image:
     timings_ms: dict[str, float]
     small_bodies: tuple[SmallBody, ...] = ()
     request: tuple[Scene, State, PinholeCamera] | None = None
+    jacobian: Jacobian | None = None
 
     def __repr__(self) -> str:
         height, width = self.irradiance_W_m2.shape

@@ -7,6 +7,7 @@ import time
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from glrender_camera import PinholeCamera
@@ -26,6 +27,7 @@ from ..view.regions import Group
 from .coverage.coverage_image import CoverageImage
 from .coverage.engine import CoverageEngine
 from .coverage.image_cells import ImageCells
+from .coverage.sunlit_areas import SunlitAreas
 from .raster.gl.context import Context
 from .raster.gl.mesh import IRRADIANCE_STAGE
 from .raster.gl.targets import Target
@@ -44,6 +46,21 @@ _FIRST_RAYS = 3e5
 _FACING_TILE_PX = 32
 # Samples along the side of a part that OpenGL draws behind a lens: it draws three times as many, and more.
 _LENS_TILE = 1024
+
+
+class Made(NamedTuple):
+    """A group of bodies, drawn in one way."""
+
+    mean: np.ndarray
+    """The region's pixels, or a small body's own cells."""
+    window: WindowPlan
+    """The plan, with the error that was estimated."""
+    error: float
+    """The error [1] that the tolerance is for; infinite where nothing could be drawn."""
+    areas: tuple[tuple[SunlitAreas, ...], ...] = ()
+    """Of coverage: `CoverageImage.areas`."""
+    areas_error: float = 0.0
+    """RMS error [1] of an image of these areas alone."""
 
 
 class IrradiancePass:
@@ -88,9 +105,12 @@ class IrradiancePass:
         ConfigError
             The engine that was asked for finds no light on a body.
         """
-        windows, small = [], []
+        windows, small, areas = [], [], []
         for group, options in zip(plan.groups, plan.options, strict=True):
-            mean, window = self._first_that_fits(group, options, frame, clock, deadline)
+            mean, window, _, *found = self._first_that_fits(group, options, frame, clock, deadline,
+                                                                  plan.request.has_derivatives)
+            if plan.request.has_derivatives:
+                areas.append(found)
             windows.append(window)
             if window.target == "region":
                 x0, y0, x1, y1 = window.roi
@@ -103,38 +123,41 @@ class IrradiancePass:
                     add_by_area(irradiance, mean, window.bounds_px)
             clock.lap("readback")
         if hopeless := [name for window in windows if math.isinf(window.predicted_error) for name in window.bodies]:
-            raise ConfigError("engine", f"cannot draw {', '.join(hopeless)}", plan.request.engine,
-                              "light falls between the corners of facets; leave engine out")
+            asked = "derivatives" if plan.request.has_derivatives else "engine"
+            raise ConfigError(asked, f"cannot draw {', '.join(hopeless)}", plan.request.engine,
+                              f"light falls between the corners of facets; leave {asked} out")
         return Drawn(irradiance_W_m2=irradiance, small_bodies=tuple(small), windows=tuple(windows),
-                     bodies=tuple(frame.bodies), is_late=time.monotonic() > deadline)
+                     bodies=tuple(frame.bodies), areas=tuple(areas), is_late=time.monotonic() > deadline)
 
     def _first_that_fits(self, group: Group, options: Sequence[WindowPlan], frame: Frame, clock: Clock,
-                         deadline: float) -> tuple[np.ndarray, WindowPlan]:
-        """The pixels of a group or its own cells, and its plan with the error that was estimated."""
+                         deadline: float, has_derivatives: bool) -> Made:
+        """A group, drawn in the first way that meets the tolerance, or the one that comes nearest."""
         best = None
         for option in options:
-            mean, window, error = self._draw_option(group, option, frame, clock, deadline, option is options[-1])
+            made = self._draw_option(group, option, frame, clock, deadline, option is options[-1],
+                                     has_derivatives)
+            window, error = made.window, made.error
             # Engines may be allowed RMS errors of their own, where other units are asked for.
-            if best is None or error * best[1].budget.tolerance < best[2] * window.budget.tolerance:
-                best = mean, window, error
-            if not math.isfinite(best[2]):
+            if best is None or error * best.window.budget.tolerance < best.error * window.budget.tolerance:
+                best = made
+            if not math.isfinite(best.error):
                 continue
             # Where areas are known and rays have settled them, rays alone are no better.
             is_done = (window.engine == "coverage" and window.target == "region" and not window.by_centroids
                        and math.isfinite(error))
             if error <= window.budget.tolerance or is_done or time.monotonic() > deadline:
                 break
-        return best[:2]
+        return best
 
     def _draw_option(self, group: Group, window: WindowPlan, frame: Frame, clock: Clock, deadline: float,
-                     is_last: bool) -> tuple[np.ndarray, WindowPlan, float]:
-        """The region's pixels, or a small body's own cells, its plan, and the error that the tolerance is for."""
+                     is_last: bool, has_derivatives: bool) -> Made:
+        """A group, drawn in one way."""
         if window.engine == "coverage":
-            return self._draw_coverage(group, window, frame, clock, deadline)
+            return self._draw_coverage(group, window, frame, clock, deadline, has_derivatives)
         draw = self._draw_grid if window.target != "region" else partial(
             self._draw_sampled, deadline=deadline, is_last=is_last)
         mean, window = draw(group, window, frame, clock)
-        return mean, window, window.predicted_error
+        return Made(mean, window, window.predicted_error)
 
     def _draw_grid(self, group: Group, window: WindowPlan, frame: Frame, clock: Clock
                    ) -> tuple[np.ndarray, WindowPlan]:
@@ -149,30 +172,27 @@ class IrradiancePass:
             window = replace(window, flux_error=flux, drawn={**window.drawn, "eclipse": pixels})
         return samples, window
 
-    def _draw_coverage(self, group: Group, window: WindowPlan, frame: Frame, clock: Clock, deadline: float
-                       ) -> tuple[np.ndarray, WindowPlan, float]:
-        """Means of the region's cells, its plan, and the error that the tolerance is for.
-
-        Where that is exceeded rays settle the cells that err most. Errors are infinite where nothing could be drawn.
-        """
+    def _draw_coverage(self, group: Group, window: WindowPlan, frame: Frame, clock: Clock, deadline: float,
+                       is_only: bool) -> Made:
+        """A group by areas: where they miss the tolerance rays settle the cells that err most."""
         draw = self._coverage.draw_by_centroids if window.by_centroids else partial(
-            self._coverage.draw, has_planes=window.has_planes)
+            self._coverage.draw, has_planes=window.has_planes, is_only=is_only)
         budget = window.budget.after(window.modelling_error)
         made = draw(window.bodies, list(frame.views), ImageCells(frame.camera, window.bounds_px, window.grid), budget)
         clock.lap("surface")
         if made.squared_of_areas is None or window.target != "region" or time.monotonic() > deadline:
             return _made_by_areas(window, made)
         done = self._settled(group, window, frame, made)
-        if made.softer is not None and done[2] > window.budget.tolerance and time.monotonic() < deadline:
-            done = min(done, self._settled(group, window, frame, made.softer()), key=lambda each: each[2])
+        if made.softer is not None and done.error > window.budget.tolerance and time.monotonic() < deadline:
+            done = min(done, self._settled(group, window, frame, made.softer()), key=lambda each: each.error)
         clock.lap("refine")
         return done
 
     def _settled(self, group: Group, window: WindowPlan, frame: Frame, made: CoverageImage
-                 ) -> tuple[np.ndarray, WindowPlan, float]:
+                 ) -> Made:
         """The same of an image of areas, whose cells that err most rays settle if the tolerance is exceeded."""
         done = _made_by_areas(window, made)
-        if done[2] <= window.budget.tolerance or made.squared_of_areas is None:
+        if done.error <= window.budget.tolerance or made.squared_of_areas is None:
             return done
         uneven, window = window.modelled[UNEVEN], replace(window, modelled={**window.modelled, UNEVEN: 0.0})
         tolerance, (crease_rad, facets_per_px) = window.budget.left_after(window.modelling_error), window.noise
@@ -181,7 +201,7 @@ class IrradiancePass:
                          partial(self._cast_in_cells, window, frame),
                          noise * error_model.crescent_gain(group.phase_rad), error_model.noise_power(noise))
         return _made_by_areas(replace(window, refined_samples=settled.samples, refined_share=settled.share),
-                              made.with_cells(settled.means, settled.squared))
+                              made.with_cells(settled.means, settled.squared))._replace(areas_error=done.areas_error)
 
     def _cast_in_cells(self, window: WindowPlan, frame: Frame, cells: np.ndarray, n: int) -> np.ndarray:
         """Light (K, n, n) of n x n rays in each of some cells (K,) of a window's grid."""
@@ -338,10 +358,10 @@ class IrradiancePass:
         return samples
 
 
-def _made_by_areas(window: WindowPlan, made: CoverageImage) -> tuple[np.ndarray, WindowPlan, float]:
-    """Means of a region's cells, its plan, and the error that the tolerance is for."""
+def _made_by_areas(window: WindowPlan, made: CoverageImage) -> Made:
+    """A group by areas, as an image has them."""
     judged, drawn = (replace(window, drawn={"boundaries": float(each)}) for each in (made.error.judged, made.error.rms))
-    return made.means.astype(np.float32), drawn, judged.predicted_error
+    return Made(made.means.astype(np.float32), drawn, judged.predicted_error, made.areas, float(made.error.rms))
 
 
 def _shadow_share(window: WindowPlan, frame: Frame) -> float:

@@ -36,6 +36,8 @@ class Drawn:
         Those of the plan, with the shadow maps that were drawn.
     is_late : bool
         Whether a deadline had passed before all was drawn.
+    areas : tuple of sequence
+        With derivatives, of each window: the areas that were drawn, and their error [1].
     """
 
     irradiance_W_m2: np.ndarray
@@ -43,6 +45,7 @@ class Drawn:
     windows: tuple[WindowPlan, ...]
     bodies: tuple[BodyPlan, ...]
     is_late: bool
+    areas: tuple[Any, ...] = ()
 
 
 def account(plan: FramePlan, drawn: Drawn) -> RenderPlan:

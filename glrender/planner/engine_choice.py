@@ -96,6 +96,8 @@ def ways_to_draw(group: Group, bodies: Sequence[Seen], plans: Sequence[BodyPlan]
         return [replace(_raster(part, worst), why="samples were asked for")]
     made, is_crowded = [name for name in request.engines if request.engine in (None, name)], _is_crowded(bodies)
     coverage = _coverage(part) if "coverage" in made else []
+    if request.has_derivatives:
+        return [replace(option, why="derivatives were asked for") for option in coverage[-1:]]
     # Areas that err by more than is asked for, however they are clipped, are for where samples err by more still.
     coarse = coverage[-1:] if _are_coarse(coverage) else []
     coverage = [] if coarse else coverage
@@ -203,7 +205,7 @@ class _Part:
 
 def _target(group: Group, request: Request, apart_px: float) -> Target:
     """Where bodies are drawn."""
-    if request.samples is not None:
+    if request.samples is not None or request.has_derivatives:
         return "region"
     if apart_size_px(group.size_px, min(view.phase_rad for view in group.views)) < apart_px:
         return "point"
@@ -244,7 +246,7 @@ def _coverage(part: _Part) -> list[WindowPlan]:
         return []
     is_smooth = request.camera.lens_map is None and max(
         body.traits.view_slope(body.view.phase_rad) for body in bodies) <= SMOOTH_PER_RAD
-    has_planes = is_smooth and part.target == "region" and max(
+    has_planes = is_smooth and part.target == "region" and not request.has_derivatives and max(
         _uneven_px(body, request.camera) for body in bodies) > _MOST_UNEVEN_PX
     modelled = {UNEVEN: max(_unevenness(body, request.camera, has_planes) for body in bodies)}
     where = part.whole(1)

@@ -197,6 +197,8 @@ class RenderPlan:
         What plug-ins added to it.
     milliseconds : float [ms]
         What the frame took.
+    jacobian_error : float [1], optional
+        Error expected of the derivatives that were asked for: RMS over their own RMS, before the camera's PSF.
     memory_bytes : mapping of str to int [byte]
         What the frame took beyond the memory that the renderer opened with: `near_facets`, which rays meet about the
         camera, without Embree's tree, and `shadow_maps`.
@@ -213,6 +215,7 @@ class RenderPlan:
     emission: tuple[EmissionPlan, ...] = field(default=())
     navigation: Mapping[str, float] = field(default_factory=dict)
     asked: Mapping[str, float] = field(default_factory=dict)
+    jacobian_error: float | None = None
     milliseconds: float = field(default=0.0, compare=False)
     memory_bytes: Mapping[str, int] = field(default_factory=dict, compare=False)
 
@@ -256,6 +259,8 @@ class RenderPlan:
                  f"{self.milliseconds:.3g} ms"]
         if told:
             lines.append(f"predicted {', '.join(told.values())}")
+        if self.jacobian_error is not None:
+            lines.append(f"predicted error of derivatives {_amount('rms', self.jacobian_error)} of their RMS")
         if not any(body.is_visible for body in self.bodies):
             lines.append("nothing is in view")
         sizes = {body.name: f"{body.name} ({body.n_facets} facets, {body.size_px:.0f} px, {body.law})"
@@ -280,6 +285,8 @@ class RenderPlan:
         """Plain data, for the wire: None in place of infinite numbers, which JSON does not have."""
         told = asdict(self)
         del told["navigation"]
+        if self.jacobian_error is None:
+            del told["jacobian_error"]
         windows = [{**each, "predicted_error": window.predicted_error}
                    for each, window in zip(told["windows"], self.windows, strict=True)]
         bodies = [{**each, "penumbra_px": body.penumbra.width_px}

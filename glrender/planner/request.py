@@ -71,6 +71,8 @@ class Request:
         Along a pixel's side, asked for instead of the planner's choice: drawn by OpenGL.
     engine : str or None
         The only engine that may draw.
+    has_derivatives : bool
+        Whether areas must be known: coverage draws all, on the image's pixels.
 
     Raises
     ------
@@ -86,6 +88,7 @@ class Request:
     has_sun_disc: bool = False
     samples: int | None = None
     engine: str | None = None
+    has_derivatives: bool = False
 
     def __post_init__(self):
         if not isinstance(self.use, ImageUse):

@@ -49,6 +49,7 @@ class FacetCutter:
         self.is_free = facets.is_convex and len(views) == 1
         # Lifted off the surface by the normal of one of their facets.
         vertex, of, self.corner = facet_loops.vertices_of(facets.corners, facing, facets.vertices_m.shape[1])
+        self._cut: list[tuple[np.ndarray, ...]] = []
         r_m = facets.vertices_m.take(vertex, axis=1)
         self.points = Points(r_m, *self._told(r_m, of))
 
@@ -102,9 +103,23 @@ class FacetCutter:
         end = np.clip(np.sqrt(share) * (reach[0] / reach[1]) ** (0.25 / _GAUSS), share, 1.0)
         made = [points.add(begin_m + part * side_m, True, True)
                 for part, side_m in zip((end, share / end), sides_m, strict=True)]
+        self._cut.append((*made, *others, corner, is_one, triangles.facet))
         return [(np.stack(corners).take(chosen, axis=1), triangles.facet.take(chosen))
                 for chosen, corners in ((np.flatnonzero(is_one), [corner, *made]),
                                         (np.flatnonzero(~is_one), [made[0], *others, made[1]]))]
+
+    def cuts(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Where light was cut off: points (2 N,) at which lines begin, then those at which they end, as polygons run.
+
+        With the dark corner towards which each was found, and the facet.
+        """
+        found = [[] for _ in range(3)]
+        for one, other, first, last, corner, is_one, facet in self._cut:
+            begins, ends = (one, np.where(is_one, first, corner)), (other, np.where(is_one, last, corner))
+            for k in range(2):
+                found[k].append(np.where(is_one, [begins[k], ends[k]], [ends[k], begins[k]]))
+            found[2].append(np.tile(facet, (2, 1)))
+        return tuple(np.concatenate([np.zeros((2, 0), np.intp), *each], axis=1).ravel() for each in found)
 
     def _reach(self, begin_m: np.ndarray, facet: np.ndarray, is_seen: np.ndarray, is_lit: np.ndarray,
                way_m: np.ndarray, n_bisections: int) -> np.ndarray:

@@ -91,6 +91,8 @@ class CoverageImage:
     softer : callable, optional
         () gives the image by points of the Sun's disc, where hard edges in place of penumbras cost too much and the
         steps of so few points as well.
+    areas : tuple of tuple of SunlitAreas
+        By each point of the Sun's disc whose mean the image is: the areas of each body.
     """
 
     means: np.ndarray
@@ -99,6 +101,7 @@ class CoverageImage:
     unit_W_m2: float = 1.0
     squared_of_areas: Callable[[], np.ndarray] | None = None
     softer: Callable[[], CoverageImage] | None = None
+    areas: tuple[tuple[SunlitAreas, ...], ...] = ()
 
     def squared(self, uneven: float) -> np.ndarray:
         """Squared errors (rows, columns) [(W/m2)^2] to expect of the cells, with an RMS error [1] of their radiance."""
@@ -147,7 +150,8 @@ class CoverageImage:
         lit = [image for image in images if image.squared_of_areas is not None]
         if not lit:
             return cls(means=sums, error=error)
-        return replace(lit[0], means=sums / count, error=error, scales=looked.scales, squared_of_areas=lambda: sum(
+        areas = tuple(image.areas[0] if image.areas else () for image in images)
+        return replace(lit[0], means=sums / count, error=error, areas=areas, scales=looked.scales, squared_of_areas=lambda: sum(
             image.squared_of_areas() for image in lit) / count + (share * lit[0].unit_W_m2) ** 2 * squared_errors(
                 looked, [], cells))
 

@@ -68,7 +68,7 @@ class CoverageEngine:
         self._facets.clear()
 
     def draw(self, names: Sequence[str], views: list[BodyView], cells: ImageCells, budget: Budget,
-             has_planes: bool = False) -> CoverageImage:
+             has_planes: bool = False, is_only: bool = False) -> CoverageImage:
         """Means over cells, and their estimated error.
 
         Facets are clipped where their visible, sunlit part ends. Where hard edges in place of penumbras cost more than
@@ -85,6 +85,8 @@ class CoverageEngine:
             Errors that the drawing may have.
         has_planes : bool
             Whether the radiance of a facet varies linearly, or is that of its centroid.
+        is_only : bool
+            No other engine may draw: wide penumbras are drawn by points of the Sun's disc as well.
         """
         looked = self._look(names, views, cells, budget, self._scene.sun_disc)
         penumbra = looked.penumbra.judged
@@ -98,9 +100,10 @@ class CoverageEngine:
                 self._clipped(self._look(names, lit_from(views, point), cells, left, False), cells, left, has_planes)
                 for point in on_disc(n_points)], looked, share, cells)
 
-        if share * penumbra <= PENUMBRA_SHARE * budget.tolerance:
+        is_wide = looked.wide_px > _WIDE_PX
+        if share * penumbra <= PENUMBRA_SHARE * budget.tolerance or is_wide and is_only:
             return softer()
-        if looked.wide_px > _WIDE_PX:
+        if is_wide:
             return CoverageImage.dark(cells, NOTHING_DRAWN)
         return replace(self._clipped(looked, cells, budget, has_planes), softer=softer)
 
@@ -178,7 +181,7 @@ class CoverageEngine:
         error = CoverageError(*(each.error(of_penumbras + squared + each.flux_weight * bias_squared)
                                 for each, of_penumbras in zip(scales, penumbras, strict=True)))
         unit_W_m2 = float(cells.per_px.prod()) * solar_W_m2 / cells.camera.focal_length_px**2
-        return CoverageImage(means=means, error=error, scales=scales, unit_W_m2=unit_W_m2, squared_of_areas=lambda: (
+        return CoverageImage(means=means, error=error, scales=scales, unit_W_m2=unit_W_m2, areas=(tuple(found),), squared_of_areas=lambda: (
             unit_W_m2**2 * squared_errors(looked, found, cells, has_planes) + overlapping(means, cover, least_share))
                              ).by_its_light()
 

@@ -184,13 +184,29 @@ class RayEngine:
     def shade_ranges(self, r_body_m: np.ndarray, facet: np.ndarray, view: BodyView, views: list[BodyView]
                      ) -> np.ndarray:
         """Distances (N,) [m] from points (3, N) [m] of a body's facets (N,) to what hides the Sun, or infinity."""
+        return self._nearest(r_body_m, facet, view, views, view.sun_direction_body[:, None], ALL_SIDES)
+
+    def hiding_ranges(self, r_body_m: np.ndarray, facet: np.ndarray, view: BodyView, views: list[BodyView]
+                      ) -> np.ndarray:
+        """Distances (N,) [m] from points (3, N) [m] of a body's facets (N,) to what hides them from the camera.
+
+        Infinity of those that it sees. A back hides nothing.
+        """
+        towards = view.r_camera_body_m[:, None] - r_body_m
+        reach_m = np.sqrt(dot(towards, towards))
+        found = self._nearest(r_body_m, facet, view, views, towards / reach_m, TURNED)
+        return np.where(found < reach_m, found, np.inf)
+
+    def _nearest(self, r_body_m: np.ndarray, facet: np.ndarray, view: BodyView, views: list[BodyView],
+                 towards: np.ndarray, sides: int) -> np.ndarray:
+        """Distances (N,) [m] from points (3, N) [m] of facets (N,) to what is nearest in directions (3, N or 1)."""
         found, own = np.full(len(facet), np.inf), self._mesh(view)
         above = r_body_m + own.lift_m(r_body_m, facet, LIFT) * own.normals.take(facet, axis=0).T
         for other in views:
             turn, shift_m = between(view, other)
-            towards = np.broadcast_to((turn @ view.sun_direction_body)[:, None], above.shape)
             solid, start = (own, above) if other is view else (self._mesh(other), r_body_m)
-            hits = solid.first(turn @ start + shift_m[:, None], towards)
+            rays = np.broadcast_to(turn @ towards, above.shape)
+            hits = solid.first(turn @ start + shift_m[:, None], rays, sides)
             found[hits.place] = np.minimum(found[hits.place], hits.distance_m)
         return found
 

@@ -1,0 +1,41 @@
+"""The derivatives of a frame's irradiance."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Jacobian(Mapping[str, np.ndarray]):
+    """Derivatives of an image's irradiance by the parameters that were asked for.
+
+    ``jacobian[name]`` is (k, h, w) float32 of the region `roi`, outside which it is zero:
+    ``spacecraft`` and ``bodies.NAME`` [W/m2/m] along the camera's x, y and z and [W/m2/rad] about them, by the right
+    hand, through the origin of the spacecraft or the body; ``sun`` [W/m2/rad]; ``focal_length`` [W/m2/px];
+    ``law.NAME`` per unit of that number, of every body whose law has it.
+
+    Attributes
+    ----------
+    roi : (int, int, int, int) [px]
+        x0, y0, x1, y1, one past the last.
+    values : dict of str to (k, h, w) float32 array
+    sun_axes : (2, 3) float64 [1]
+        Directions in `camera` in which ``sun`` moves the direction towards the Sun: the camera's x axis made
+        perpendicular to it (y where the Sun stands on x), and the direction perpendicular to both.
+    """
+
+    roi: tuple[int, int, int, int]
+    values: dict[str, np.ndarray]
+    sun_axes: np.ndarray
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        return self.values[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.values)
+
+    def __len__(self) -> int:
+        return len(self.values)

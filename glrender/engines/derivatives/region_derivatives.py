@@ -1,0 +1,127 @@
+"""The derivatives of a frame, drawn from the very areas of which its image is, and the error to expect of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from glrender_camera import PinholeCamera
+
+from ...planner.account import Drawn
+from ...view.regions import union
+from ...view.view import BodyView
+from ..coverage.image_cells import ImageCells
+from ..coverage.sub_triangles import projected
+from ..coverage.sunlit_areas import SunlitAreas
+from ..raster.surface_pass import Frame
+from ..rays.engine import RayEngine
+from . import loops
+from .jacobian import Jacobian
+from .moving_lines import Cuts, in_camera, place_rates
+from .parameters import Rates, count_of, sun_axes
+from .radiance_rates import radiance_rates
+
+# Most numbers of a part of an image that is drawn at once: 64 MiB.
+_AT_ONCE = 1 << 23
+# Error of derivatives over their RMS [1], of an image's error [1]: TBD
+_EXACT, _CUT, _POWER = 1e-4, 0.42, 0.3
+
+
+def derivatives_of(names: Sequence[str], drawn: Drawn, frame: Frame, rays: RayEngine) -> tuple[Jacobian, float]:
+    """The derivatives of a drawn frame by parameters, and the error [1] to expect of them over their RMS."""
+    x0, y0, x1, y1 = roi = union([window.roi for window in drawn.windows])
+    each = [name for name in names for _ in range(count_of(name))]
+    found, error = np.zeros((len(each), y1 - y0, x1 - x0), np.float32), 0.0
+    for window, (by_points, areas_error) in zip(drawn.windows, drawn.areas, strict=True):
+        left, top, right, bottom = window.roi
+        part = np.s_[top - y0:bottom - y0, left - x0:right - x0]
+        cells, of_window = ImageCells(frame.camera, window.bounds_px, window.grid), found[:, *part]
+        if "focal_length" in names:
+            of_window[each.index("focal_length")] = _by_solid_angle(drawn.irradiance_W_m2[top:bottom, left:right], cells)
+        add_derivatives(of_window, names, by_points, list(frame.views), cells, rays, rays.scene.solar_irradiance_of(frame.camera))
+        error = max(error, _expected_error(by_points, areas_error))
+    first = np.cumsum([0, *(count_of(name) for name in names)])
+    view = frame.views[0]
+    return Jacobian(roi=roi, values={name: found[begin:end] for name, begin, end in zip(
+        names, first[:-1], first[1:], strict=True)}, sun_axes=sun_axes(
+        view.camera_from_body @ view.sun_direction_body)), error
+
+
+def _expected_error(by_points: Sequence[Sequence[SunlitAreas]], areas_error: float) -> float:
+    """TBD"""
+    has_cuts = any(not areas.seen.cutter.is_free for each in by_points for areas in each)
+    return _EXACT + (_CUT * areas_error**_POWER if has_cuts else 0.0)
+
+
+def _by_solid_angle(irradiance_W_m2: np.ndarray, cells: ImageCells) -> np.ndarray:
+    """Derivatives (rows, columns) [W/m2/px] by the focal length, of the solid angle that a pixel has."""
+    across, down = cells.tangents_squared
+    squared = across + down[:, None]
+    return irradiance_W_m2 * ((3.0 * squared / (1.0 + squared) - 2.0) / cells.camera.focal_length_px)
+
+
+def add_derivatives(found: np.ndarray, names: Sequence[str], by_points: Sequence[Sequence[SunlitAreas]],
+                    views: list[BodyView], cells: ImageCells, rays: RayEngine, solar_W_m2: float) -> None:
+    """Add the derivatives (K, rows, columns) float32 of one region's pixels by parameters.
+
+    Parameters
+    ----------
+    found : (K, rows, columns) float32 [W/m2]
+    names : sequence of str
+    by_points : sequence of sequence of SunlitAreas
+        By each point of the Sun's disc whose mean the image is: the areas of each body.
+    views : list of BodyView
+        Of all bodies.
+    cells : ImageCells
+        The region's pixels.
+    rays : RayEngine
+    solar_W_m2 : float [W/m2]
+        Irradiance of the Sun at 1 au.
+    """
+    each = [name for name in names for _ in range(count_of(name))]
+    for areas in (one for found_by_point in by_points for one in found_by_point):
+        lit_so = [areas.seen.view if view.name == areas.seen.view.name else view for view in views]
+        rates = Rates.of(names, areas.seen.view, cells.camera)
+        _add(found, _Lines(areas, each, rates, lit_so, cells.camera, rays), cells,
+             solar_W_m2 / cells.camera.focal_length_px**2 / len(by_points))
+
+
+class _Lines:
+    """The lines of one body's areas, and how they and the radiance between them change."""
+
+    def __init__(self, areas: SunlitAreas, each: Sequence[str], rates: Rates, views: list[BodyView],
+                 camera: PinholeCamera, rays: RayEngine):
+        seen, self.areas, focal_length_px = areas.seen, areas, camera.focal_length_px
+        facets, view = seen.facets, seen.view
+        drawn = np.unique(np.concatenate([areas.whole, *(facet for _, facet in areas.polygons)]))
+        changes = radiance_rates(facets, view, drawn, each, rates)
+        self.changed = np.flatnonzero(changes.any(axis=1))
+        self.values = np.zeros((1 + len(self.changed), facets.n_facets))
+        self.values[0, drawn] = seen.radiance.of(drawn)
+        self.values[1:, drawn] = changes[self.changed]
+        self.whole = np.zeros_like(self.values)
+        self.whole[:, areas.whole] = self.values[:, areas.whole]
+        self.vertex_rates = place_rates(in_camera(facets.vertices_m, view), rates, focal_length_px)
+        points_m = seen.cutter.points.r_m
+        self.points_xy = projected(points_m, view, camera)
+        self.point_rates = place_rates(in_camera(points_m, view), rates, focal_length_px)
+        cuts = Cuts.of(areas, rays, views)
+        self.cut_xy, self.cut_rates = projected(cuts.r_m, view, camera), cuts.own_rates(areas, rates, focal_length_px)
+        self.cut_values = self.values[:1, cuts.facet[:len(cuts.facet) // 2]]
+
+
+def _add(found: np.ndarray, lines: _Lines, cells: ImageCells, scale: float) -> None:
+    count, rows, columns = found.shape
+    seen, (left, top), (across, down) = lines.areas.seen, cells.origin_px, cells.tangents_squared
+    polygons = [(corner, np.ascontiguousarray(lines.values[:, facet])) for corner, facet in lines.areas.polygons]
+    n_rows = max(_AT_ONCE // max(columns * (count + len(lines.changed)), 1), 1)
+    for first in range(0, rows, n_rows):
+        part = slice(first, min(first + n_rows, rows))
+        swept = np.zeros((part.stop - first, columns, count))
+        sums = np.zeros((part.stop - first, columns + 2, len(lines.changed)))
+        loops.add_facets(swept, sums, seen.xy_px, lines.vertex_rates, seen.facets.corners, seen.facets.neighbours,
+                         lines.whole, left, top + first)
+        for corner, values in polygons:
+            loops.add_polygons(swept, sums, lines.points_xy, lines.point_rates, corner, values, left, top + first)
+        loops.add_cuts(swept, lines.cut_xy, lines.cut_rates, lines.cut_values, left, top + first)
+        loops.finish(swept, sums, lines.changed, scale, across, np.ascontiguousarray(down[part]), found[:, part])
