@@ -187,8 +187,8 @@ class Renderer:
             clock.lap("emission")
         jacobian = None
         if names:
-            jacobian, error = derivatives_of(names, drawn, frame, self._rays)
-            made = replace(made, jacobian_error=error)
+            jacobian, errors = derivatives_of(names, drawn, frame, self._rays)
+            made = replace(made, jacobian_error=errors)
             clock.lap("derivatives")
         arrays = {}
         if wanted:

@@ -15,7 +15,7 @@ from numba.types import UniTuple, float64, intp
 
 _log = logging.getLogger(__name__)
 
-N_LOOPS = 32
+N_LOOPS = 40
 """Loops that are compiled, of all files: for who waits for the first time."""
 # Seconds between two words about it.
 _PAUSE_S = 5.0

@@ -197,8 +197,9 @@ class RenderPlan:
         What plug-ins added to it.
     milliseconds : float [ms]
         What the frame took.
-    jacobian_error : float [1], optional
-        Error expected of the derivatives that were asked for: RMS over their own RMS, before the camera's PSF.
+    jacobian_error : mapping of str to float [1]
+        Errors expected of the derivatives that were asked for, by name: RMS over their own RMS, before the camera's PSF.
+        Most of it is in a hundredth of the lit pixels: shadows that pass between corners unseen, as in the image.
     memory_bytes : mapping of str to int [byte]
         What the frame took beyond the memory that the renderer opened with: `near_facets`, which rays meet about the
         camera, without Embree's tree, and `shadow_maps`.
@@ -215,7 +216,7 @@ class RenderPlan:
     emission: tuple[EmissionPlan, ...] = field(default=())
     navigation: Mapping[str, float] = field(default_factory=dict)
     asked: Mapping[str, float] = field(default_factory=dict)
-    jacobian_error: float | None = None
+    jacobian_error: Mapping[str, float] = field(default_factory=dict)
     milliseconds: float = field(default=0.0, compare=False)
     memory_bytes: Mapping[str, int] = field(default_factory=dict, compare=False)
 
@@ -259,8 +260,9 @@ class RenderPlan:
                  f"{self.milliseconds:.3g} ms"]
         if told:
             lines.append(f"predicted {', '.join(told.values())}")
-        if self.jacobian_error is not None:
-            lines.append(f"predicted error of derivatives {_amount('rms', self.jacobian_error)} of their RMS")
+        if self.jacobian_error:
+            each = ", ".join(f"{name} {_amount('rms', error)}" for name, error in self.jacobian_error.items())
+            lines.append(f"predicted error of derivatives: {each}")
         if not any(body.is_visible for body in self.bodies):
             lines.append("nothing is in view")
         sizes = {body.name: f"{body.name} ({body.n_facets} facets, {body.size_px:.0f} px, {body.law})"
@@ -285,7 +287,7 @@ class RenderPlan:
         """Plain data, for the wire: None in place of infinite numbers, which JSON does not have."""
         told = asdict(self)
         del told["navigation"]
-        if self.jacobian_error is None:
+        if not self.jacobian_error:
             del told["jacobian_error"]
         windows = [{**each, "predicted_error": window.predicted_error}
                    for each, window in zip(told["windows"], self.windows, strict=True)]

@@ -45,6 +45,7 @@ OUTSIDE = {
     "glrender.engines.raster": {"numpy", "cv2", "glrender_camera"},
     "glrender.engines.raster.gl": {"numpy", "moderngl"},
     "glrender.engines.coverage": {"numpy", "cv2", "numba", "glrender_camera"},
+    "glrender.engines.derivatives": {"numpy", "scipy", "numba", "glrender_camera"},
     "glrender.engines.rays": {"numpy", "cv2", "numba", "llvmlite", "embreex", "glrender_camera"},
     "glrender.engines.cycles": {"numpy", "cv2", "scipy", "glrender_camera"},
     # What runs in Blender's process: its own Python, where glrender is not installed.

@@ -151,9 +151,9 @@ class CoverageImage:
         if not lit:
             return cls(means=sums, error=error)
         areas = tuple(image.areas[0] if image.areas else () for image in images)
-        return replace(lit[0], means=sums / count, error=error, areas=areas, scales=looked.scales, squared_of_areas=lambda: sum(
-            image.squared_of_areas() for image in lit) / count + (share * lit[0].unit_W_m2) ** 2 * squared_errors(
-                looked, [], cells))
+        return replace(lit[0], means=sums / count, error=error, scales=looked.scales, areas=areas,
+                       squared_of_areas=lambda: sum(image.squared_of_areas() for image in lit) / count
+                       + (share * lit[0].unit_W_m2) ** 2 * squared_errors(looked, [], cells))
 
 
 def squared_errors(looked: LookedAt, found: Sequence[SunlitAreas], cells: ImageCells,

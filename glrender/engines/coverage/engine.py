@@ -86,7 +86,7 @@ class CoverageEngine:
         has_planes : bool
             Whether the radiance of a facet varies linearly, or is that of its centroid.
         is_only : bool
-            No other engine may draw: wide penumbras are drawn by points of the Sun's disc as well.
+            No other engine draws penumbras: points of the Sun's disc do, however few.
         """
         looked = self._look(names, views, cells, budget, self._scene.sun_disc)
         penumbra = looked.penumbra.judged
@@ -100,10 +100,9 @@ class CoverageEngine:
                 self._clipped(self._look(names, lit_from(views, point), cells, left, False), cells, left, has_planes)
                 for point in on_disc(n_points)], looked, share, cells)
 
-        is_wide = looked.wide_px > _WIDE_PX
-        if share * penumbra <= PENUMBRA_SHARE * budget.tolerance or is_wide and is_only:
+        if share * penumbra <= PENUMBRA_SHARE * budget.tolerance or is_only:
             return softer()
-        if is_wide:
+        if looked.wide_px > _WIDE_PX:
             return CoverageImage.dark(cells, NOTHING_DRAWN)
         return replace(self._clipped(looked, cells, budget, has_planes), softer=softer)
 
@@ -181,7 +180,8 @@ class CoverageEngine:
         error = CoverageError(*(each.error(of_penumbras + squared + each.flux_weight * bias_squared)
                                 for each, of_penumbras in zip(scales, penumbras, strict=True)))
         unit_W_m2 = float(cells.per_px.prod()) * solar_W_m2 / cells.camera.focal_length_px**2
-        return CoverageImage(means=means, error=error, scales=scales, unit_W_m2=unit_W_m2, areas=(tuple(found),), squared_of_areas=lambda: (
+        return CoverageImage(means=means, error=error, scales=scales, unit_W_m2=unit_W_m2, areas=(tuple(found),),
+                             squared_of_areas=lambda: (
             unit_W_m2**2 * squared_errors(looked, found, cells, has_planes) + overlapping(means, cover, least_share))
                              ).by_its_light()
 

@@ -21,21 +21,21 @@ class Jacobian(Mapping[str, np.ndarray]):
     ----------
     roi : (int, int, int, int) [px]
         x0, y0, x1, y1, one past the last.
-    values : dict of str to (k, h, w) float32 array
+    arrays : dict of str to (k, h, w) float32 array
     sun_axes : (2, 3) float64 [1]
         Directions in `camera` in which ``sun`` moves the direction towards the Sun: the camera's x axis made
         perpendicular to it (y where the Sun stands on x), and the direction perpendicular to both.
     """
 
     roi: tuple[int, int, int, int]
-    values: dict[str, np.ndarray]
+    arrays: dict[str, np.ndarray]
     sun_axes: np.ndarray
 
     def __getitem__(self, name: str) -> np.ndarray:
-        return self.values[name]
+        return self.arrays[name]
 
     def __iter__(self) -> Iterator[str]:
-        return iter(self.values)
+        return iter(self.arrays)
 
     def __len__(self) -> int:
-        return len(self.values)
+        return len(self.arrays)

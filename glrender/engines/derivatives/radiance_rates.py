@@ -59,7 +59,8 @@ class _Shading:
         self._view, self.law = view, facets.surface.body.brdf
         self._normal = facets.normal.take(facet, axis=1).T
         self._to_camera = facet_loops.to_camera(facets.vertices_m, facets.corners, facet, view.r_camera_body_m)
-        self._range_m = np.sqrt(np.square(facets.corner_m(facet).mean(axis=0) - view.r_camera_body_m[:, None]).sum(axis=0))
+        way_m = facets.corner_m(facet).mean(axis=0) - view.r_camera_body_m[:, None]
+        self._range_m = np.sqrt(dot(way_m, way_m))
 
     def by_camera(self) -> np.ndarray:
         """Derivatives (3, N) [1/m] by the camera's place in the body's frame."""
