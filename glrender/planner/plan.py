@@ -198,7 +198,7 @@ class RenderPlan:
     milliseconds : float [ms]
         What the frame took.
     jacobian_error : mapping of str to float [1]
-        Errors expected of the derivatives that were asked for, by name: RMS over their own RMS, before the camera's PSF.
+        Errors expected of the derivatives that were asked for, by name: RMS over their own RMS, before the PSF.
         Most of it is in a hundredth of the lit pixels: shadows that pass between corners unseen, as in the image.
     memory_bytes : mapping of str to int [byte]
         What the frame took beyond the memory that the renderer opened with: `near_facets`, which rays meet about the

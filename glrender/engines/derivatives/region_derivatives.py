@@ -29,7 +29,8 @@ _AT_ONCE = 1 << 23
 _UNCUT, _CUT, _SLIDING = 1e-4, (2.5, 0.8), (6.0, 0.4)
 
 
-def derivatives_of(names: Sequence[str], drawn: Drawn, frame: Frame, rays: RayEngine) -> tuple[Jacobian, dict[str, float]]:
+def derivatives_of(names: Sequence[str], drawn: Drawn, frame: Frame, rays: RayEngine
+                   ) -> tuple[Jacobian, dict[str, float]]:
     """The derivatives of a drawn frame by parameters, and the error [1] to expect of each over its RMS."""
     x0, y0, x1, y1 = roi = union([window.roi for window in drawn.windows])
     each = [name for name in names for _ in range(count_of(name))]
