@@ -8,7 +8,6 @@ from ...base.morton import morton_order
 from ...planner.error_model import FEWEST_CENTROIDS
 from ...scene.scene import Body
 from ...scene.shape.edges import Edges
-from ...scene.shape.shape import longest_sides_m
 from ...scene.surface import Surface
 from ..rays.mesh import RayMesh, dot
 from . import facet_loops
@@ -60,7 +59,7 @@ class FacetTables:
         shape = body.drawn_shape
         self.surface = Surface(body)
         self.n_facets = len(shape.facets)
-        self.longest_side_m = float(longest_sides_m(shape.vertices_m, shape.facets).max())
+        self.longest_side_m = shape.longest_side_m
         self.number = morton_order(shape.vertices_m[shape.facets].mean(axis=1))
         # Vertices as facets come to them.
         self.vertex_number, _, self.corners = facet_loops.vertices_of(

@@ -10,7 +10,6 @@ import numpy as np
 from ...brdf import Law
 from ...planner.error_model import BodyTraits
 from ...scene.scene import Body
-from ...scene.shape.shape import longest_sides_m
 from ...scene.surface import Surface
 from .gl.context import Context
 from .gl.mesh import Mesh
@@ -36,7 +35,7 @@ def body_traits(body: Body) -> BodyTraits:
         max_phase_rad=body.brdf.max_phase, relief=body.relief, n_facets=len(shape.facets),
         crease_rad=shape.crease_rad, view_slope=lambda phase_rad: slope(
             int(math.degrees(min(phase_rad, body.brdf.max_phase, _MOST_PHASE_RAD)))),
-        longest_side_m=float(longest_sides_m(shape.vertices_m, shape.facets).max()),
+        longest_side_m=shape.longest_side_m,
         facet_m=math.sqrt(float(areas @ areas) / float(areas.sum())) if Surface(body).is_even else math.inf)
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from ...base.errors import DeviceError
 from ...scene.shape.facet_blocks import FacetBlocks
-from ...scene.shape.shape import longest_sides_m
+from ...scene.shape.facet_geometry import area_vectors, longest_sides
 from .embree import EmbreeMesh
 from .exact_loops import ALL_SIDES
 
@@ -93,14 +93,13 @@ class RayMesh:
     def __init__(self, vertices_m: np.ndarray, facets: np.ndarray, has_backs: bool = False):
         self.facets, self.has_backs = facets, has_backs
         self.radius_m = float(np.linalg.norm(vertices_m, axis=1).max())
-        corners = vertices_m[facets]
-        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        normals = area_vectors(vertices_m, facets)
         twice_area_m2 = np.linalg.norm(normals, axis=1, keepdims=True)
         normals /= twice_area_m2
-        self.unsure_m = np.minimum(_UNSURE * longest_sides_m(vertices_m, facets)**3 / twice_area_m2[:, 0],
+        self.unsure_m = np.minimum(_UNSURE * longest_sides(vertices_m, facets)**3 / twice_area_m2[:, 0],
                                    MOST_UNSURE * self.radius_m)
         self.normals = normals
-        self.offset_m = dot(normals.T, corners[:, 0].T)
+        self.offset_m = dot(normals.T, vertices_m.take(facets[:, 0], axis=0).T)
         self._mesh = EmbreeMesh(vertices_m / self.radius_m, facets, has_backs)
         self.vertices_m = vertices_m
 

@@ -14,6 +14,7 @@ from ...base.errors import ShapeError
 from ...base.rotations import evenly_spread
 from .convexity import bends_outwards
 from .facet_blocks import FacetBlocks
+from .facet_geometry import area_vectors
 
 # An outline or volume this close to the hull's is convex to float32 round-off of a shape file.
 _CONVEX_VOLUME_RTOL = 1e-6
@@ -80,9 +81,9 @@ class Hull:
         self._solid = facets if solid is None else facets[solid]
         # Volumes relative to the hull's own centre, or a far-off origin would cancel digits.
         centre = points_m.mean(axis=0)
-        a, b, c = (vertices_m[facets[:, k]] - centre for k in range(3))
-        volume = float(np.einsum("ij,ij->", a, np.cross(b, c))) / 6.0
-        area = 0.5 * float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
+        across = area_vectors(vertices_m, facets)
+        volume = float(np.einsum("ij,ij->", vertices_m.take(facets[:, 0], axis=0) - centre, across)) / 6.0
+        area = 0.5 * float(np.linalg.norm(across, axis=1).sum())
         self.is_convex = bool(abs(volume - hull.volume) <= _CONVEX_VOLUME_RTOL * hull.volume
                               and abs(area - hull.area) <= _CONVEX_AREA_RTOL * hull.area
                               and bends_outwards(vertices_m - centre, facets))

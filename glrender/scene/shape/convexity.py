@@ -7,6 +7,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from .edges import Edges
+from .facet_geometry import area_vectors
 
 # Sine of the angle by which facets may rise above one another: the digits of a shape's file leave as much.
 _LEAST_SINE = 2e-3
@@ -26,8 +27,7 @@ def bends_outwards(vertices_m: np.ndarray, facets: np.ndarray) -> bool:
         (np.ones(len(one), bool), (one // 3, other // 3)), shape=(len(facets),) * 2), directed=False)
     if n_shells > 1:
         return False
-    a, b, c = (vertices_m[facets[:, k]] for k in range(3))
-    normal = np.cross(b - a, c - a)
+    normal = area_vectors(vertices_m, facets)
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     # The corner across the edge, from the edge's begin: its height over the facet, and its distance from the edge.
     begin, along = vertices_m[edges.start[one]], vertices_m[edges.end[one]] - vertices_m[edges.start[one]]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from glrender_camera.validate import integer, within
 
+from .facet_geometry import area_vectors
 from .shape import Shape, centre_of_volume
 
 _MAX_SUBDIVISIONS = 9
@@ -158,8 +159,7 @@ def _split(vertices: np.ndarray, facets: np.ndarray, relief: float,
     a, b = vertices[key // len(vertices)], vertices[key % len(vertices)]
     middle = 0.5 * (a + b)
     if relief and rng is not None:
-        corner = vertices[facets]
-        normal = np.repeat(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), 3, axis=0)
+        normal = np.repeat(area_vectors(vertices, facets), 3, axis=0)
         total: np.ndarray = np.stack([np.bincount(index.ravel(), normal[:, k]) for k in range(3)], axis=1)
         total /= np.linalg.norm(total, axis=1, keepdims=True)
         length = np.linalg.norm(a - b, axis=1)

@@ -12,6 +12,7 @@ from glrender_camera.validate import integer, one_of, within
 
 from ...base.errors import ShapeError, error_path
 from .edges import Edges
+from .facet_geometry import area_vectors, longest_sides
 from .files import MAX_FACETS, own_unit, read_shape_file
 from .shells import WELD_RTOL, are_all_different, of_one_diagonal, seams, wound
 
@@ -201,13 +202,17 @@ class Shape:
 
     @cached_property
     def _area_normals_m2(self) -> np.ndarray:
-        corner = self.vertices_m[self.facets]
-        return 0.5 * np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+        return 0.5 * area_vectors(self.vertices_m, self.facets)
 
     @cached_property
     def facet_areas_m2(self) -> np.ndarray:
         """(F,) float64 [m2]."""
         return np.linalg.norm(self._area_normals_m2, axis=1)
+
+    @cached_property
+    def longest_side_m(self) -> float:
+        """Longest side [m] of any facet."""
+        return float(longest_sides(self.vertices_m, self.facets).max())
 
     @cached_property
     def facet_normals(self) -> np.ndarray:
@@ -276,8 +281,7 @@ def _checked(vertices_m: object, facets: object, uv: object, is_double: np.ndarr
 
 
 def _repaired(vertices: np.ndarray, facets: np.ndarray, uv: np.ndarray | None, is_double: np.ndarray) -> Shape:
-    used, facets = np.unique(facets, return_inverse=True)
-    facets = facets.reshape(-1, 3)
+    used, facets = _renumbered(facets, len(vertices))
     n_unused, vertices = len(vertices) - len(used), vertices[used]
     extent = float(np.ptp(vertices, axis=0).max())
     if not extent > 0.0:
@@ -285,9 +289,11 @@ def _repaired(vertices: np.ndarray, facets: np.ndarray, uv: np.ndarray | None, i
     if not extent >= MIN_EXTENT_M:
         raise ShapeError("", f"must have an extent of at least {MIN_EXTENT_M:g} m", extent, "is the length unit right?")
     cell = extent * WELD_RTOL
-    _, first, same = np.unique(np.round((vertices - vertices.min(axis=0)) / cell).astype(np.int64), axis=0,
-                               return_index=True, return_inverse=True)
-    same = same.ravel()
+    cells = np.round((vertices - vertices.min(axis=0)) / cell).astype(np.int64)
+    first = same = np.arange(len(cells))
+    if not are_all_different(cells):
+        _, first, same = np.unique(cells, axis=0, return_index=True, return_inverse=True)
+        same = same.ravel()
     # Keep the file's order of vertices: it is a good order for the vertex cache.
     order = np.argsort(first)
     rank = np.empty(len(order), np.int64)
@@ -315,9 +321,7 @@ def _repaired(vertices: np.ndarray, facets: np.ndarray, uv: np.ndarray | None, i
         flipped, corners = flipped | shells.is_flipped, _turned(corners, shells.is_flipped)
     facets, solid = shells.facets, shells.is_solid
     # Facets without an area close their neighbours' edges, and are left out only after shells are known.
-    corner = vertices[facets]
-    area = np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1)
-    longest = np.linalg.norm(corner - np.roll(corner, 1, axis=1), axis=2).max(axis=1)
+    area, longest = np.linalg.norm(area_vectors(vertices, facets), axis=1), longest_sides(vertices, facets)
     # Least height of a facet in float64: the rounding of its corners, however small the facet is.
     kept = area > 1e-15 * extent * longest
     n_degenerate += int((~kept).sum())
@@ -326,9 +330,8 @@ def _repaired(vertices: np.ndarray, facets: np.ndarray, uv: np.ndarray | None, i
     facets, solid, uv = facets[kept], solid[kept], None if uv is None else uv.reshape(-1, 2)[corners[kept]]
     volume = _volume(vertices, facets)
     extents, n_flipped = tuple(float(x) for x in np.ptp(vertices, axis=0)), int(flipped[kept].sum())
-    leftover, facets = np.unique(facets, return_inverse=True)
+    leftover, facets = _renumbered(facets, len(vertices))
     n_unused, vertices = n_unused + len(vertices) - len(leftover) - n_seam, vertices[leftover]
-    facets = facets.reshape(-1, 3)
     other_side = None
     if shells.n_two_sided:
         other_side = _other_sides(facets)
@@ -382,6 +385,13 @@ def _turned(rows: np.ndarray, is_turned: np.ndarray) -> np.ndarray:
     return np.where(is_turned[:, None], rows[:, [0, 2, 1]], rows)
 
 
+def _renumbered(facets: np.ndarray, n_vertices: int) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices (N,) that facets (F, 3) use, in their order, and the facets by their numbers among them."""
+    is_used = np.zeros(n_vertices, bool)
+    is_used[facets] = True
+    return np.flatnonzero(is_used), (np.cumsum(is_used) - 1)[facets]
+
+
 def _without_copies(facets: np.ndarray) -> tuple[np.ndarray, int, int]:
     """Numbers of facets with three corners, each side of one once, and how many of both kinds are left out."""
     a, b, c = facets.T
@@ -389,7 +399,7 @@ def _without_copies(facets: np.ndarray) -> tuple[np.ndarray, int, int]:
     if not len(kept):
         raise ShapeError("", "has no facet with an area", len(facets))
     n_degenerate, once = len(facets) - len(kept), kept
-    if not are_all_different(facets[kept]):
+    if not are_all_different(np.sort(facets[kept], axis=1)):
         first = np.argmin(facets[kept], axis=1)
         turned = np.take_along_axis(facets[kept], (first[:, None] + np.arange(3)) % 3, axis=1)
         once = kept[np.sort(np.unique(turned, axis=0, return_index=True)[1])]
@@ -438,11 +448,5 @@ def centre_of_volume(vertices: np.ndarray, facets: np.ndarray) -> np.ndarray:
 
 
 def _volume(vertices: np.ndarray, facets: np.ndarray) -> float:
-    corner = vertices[facets] - vertices.mean(axis=0)
-    return float(np.einsum("ij,ij->", corner[:, 0], np.cross(corner[:, 1], corner[:, 2]))) / 6.0
-
-
-def longest_sides_m(vertices_m: np.ndarray, facets: np.ndarray) -> np.ndarray:
-    """Longest sides (F,) of facets (F, 3) between vertices (V, 3) [m]."""
-    a, b, c = (vertices_m.take(corner, axis=0) for corner in facets.T)
-    return np.sqrt(np.maximum.reduce([np.einsum("fx,fx->f", side, side) for side in (b - a, c - b, a - c)]))
+    first = vertices.take(facets[:, 0], axis=0) - vertices.mean(axis=0)
+    return float(np.einsum("ij,ij->", first, area_vectors(vertices, facets))) / 6.0

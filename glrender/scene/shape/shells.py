@@ -176,9 +176,9 @@ def wound(vertices: np.ndarray, facets: np.ndarray, edges: Edges) -> Shells:
         n_non_manifold_edges=int((edges.size > 2).sum()))
 
 
-def are_all_different(facets: np.ndarray) -> bool:
-    """Whether no two facets have the same corners, found sooner than the facets: by a hash that may say no for yes."""
-    return not len(_repeated(_hashed(np.sort(facets, axis=1))))
+def are_all_different(rows: np.ndarray) -> bool:
+    """Whether no two rows (N, K) are the same, found sooner than the rows: by a hash that may say no for yes."""
+    return not len(_repeated(_hashed(rows)))
 
 
 def _repeated(numbers: np.ndarray) -> np.ndarray:
@@ -198,7 +198,7 @@ def _hashed(rows: np.ndarray) -> np.ndarray:
 
 def _are_twins(facets: np.ndarray) -> np.ndarray:
     """Facets (F,) whose other side is there too; none is there twice with the same side."""
-    if are_all_different(facets):
+    if are_all_different(np.sort(facets, axis=1)):
         return np.zeros(len(facets), bool)
     _, same, count = np.unique(np.sort(facets, axis=1), axis=0, return_inverse=True, return_counts=True)
     return count[same.ravel()] == 2
