@@ -33,6 +33,7 @@ classdef GlRenderClient < handle
     Read = []    % of the last reply, likewise: see glr_header
     Scene = ''   % digest of the scene that load_scene has loaded: no frame of another comes in its place
     RetryAfter = 0.05  % [s], as the last `busy` reply said
+    NNoisy = 0   % frames with noise that were asked for without a seed: the number of each is its seed
   end
 
   methods
@@ -115,6 +116,7 @@ classdef GlRenderClient < handle
       %   ([x0 y0 x1 y1], pixels from 0, one past the last: whole(y0 + 1:y1, x0 + 1:x1)), faults (cell of structs),
       %   backend ('raytrace' or 'cycles': who draws, in seconds or minutes, instead of the server's own backend; give
       %   the client a Timeout as long).
+      %   Without a seed, frames with noise are counted from 0; reply.header.seed has it.
       %   max_error is a number, or a struct of any of rms, flux, centroid_px, limb_px, range.
       %   'progress', @(share) fprintf('%.0f %%\n', 100 * share) is called about twice a second while a server with
       %   worker processes draws slow frames.
@@ -123,7 +125,7 @@ classdef GlRenderClient < handle
       for k = 2 * find(strcmp(pairs(1:2:end), 'products'))
         pairs{k} = GlRenderClient.list(pairs{k});
       end
-      [arrays, header_bytes] = self.ask_frames(pairs, state);
+      [arrays, header_bytes] = self.ask_frames(self.seeded(pairs), state);
       reply = GlRenderReply(arrays{1}, header_bytes);
     end
 
@@ -141,6 +143,10 @@ classdef GlRenderClient < handle
         end
         if isfield(frames{k}, 'products')
           frames{k}.products = GlRenderClient.list(frames{k}.products);
+        end
+        pairs = self.seeded(reshape([fieldnames(frames{k}), struct2cell(frames{k})].', 1, []));
+        if numel(pairs) > 2 * numel(fieldnames(frames{k}))
+          frames{k}.seed = pairs{end};
         end
       end
       pairs = GlRenderClient.checked(varargin, GlRenderClient.request_options());
@@ -166,6 +172,16 @@ classdef GlRenderClient < handle
       pairs = {};
       if ~isempty(self.Scene)
         pairs = {'scene', self.Scene};
+      end
+    end
+
+    function pairs = seeded(self, pairs)
+      % A frame with noise that was given no seed gets the number of such frames before it: noise moves.
+      names = pairs(1:2:end);
+      outputs = pairs(2 * find(strcmp(names, 'output')));
+      if any(ismember(outputs(cellfun(@ischar, outputs)), {'dn', 'compressed'})) && ~any(strcmp(names, 'seed'))
+        pairs = [pairs, {'seed', uint64(self.NNoisy)}];
+        self.NNoisy = self.NNoisy + 1;
       end
     end
 

@@ -36,7 +36,7 @@ typedef struct {
     const char *camera; /* NULL: the scene's only one */
     int is_dn;          /* digital numbers instead of irradiance [W/m2 per pixel]; streams are not for this client */
     double exposure_s;  /* of digital numbers; 0: the camera's; below 0: automatic */
-    uint64_t seed;      /* of the noise of digital numbers */
+    uint64_t seed;      /* of the noise of digital numbers; equal seeds give equal noise: count your frames */
     double max_error;   /* RMS tolerance; 0, and none of the next four: the scene's */
     double max_flux, max_centroid_px, max_limb_px, max_range; /* tolerances in further units; 0: none */
     int is_column_major;

@@ -6,7 +6,8 @@
  *     glrender_mex('close', handle)
  *
  * state: as for GlRenderClient, `bodies` a struct. options: struct with any of camera, output, exposure_s, seed, max_error,
- * samples, products, roi, backend, scene (docs/protocol.md; the first struct's last two hold for all).
+ * samples, products, roi, backend, scene (docs/protocol.md; the first struct's last two hold for all). Without a seed, a
+ * handle's frames with noise are counted from 0.
  * Errors: glrender:CODE, glrender:argument.
  */
 #include <ctype.h>
@@ -22,6 +23,7 @@
 #define ARGUMENT "glrender:argument"
 
 static glr_client *clients[MAX_CLIENTS];
+static uint64_t n_noisy[MAX_CLIENTS]; /* frames with noise without a seed: the number of each is its seed */
 
 static void close_all(void) {
     int k;
@@ -134,7 +136,7 @@ static void get_tolerance(const mxArray *value, glr_options *options) {
     }
 }
 
-static void get_options(const mxArray *value, glr_options *options) {
+static void get_options(const mxArray *value, glr_options *options, uint64_t *n_unseeded) {
     double roi[4];
     int field, k;
     if (!value || !mxIsStruct(value) || mxGetNumberOfElements(value) != 1)
@@ -188,6 +190,8 @@ static void get_options(const mxArray *value, glr_options *options) {
     }
     if (!options->is_dn && (options->exposure_s != 0.0 || mxGetField(value, 0, "seed")))
         mexErrMsgIdAndTxt(ARGUMENT, "exposure_s and seed belong to output 'dn'");
+    if (options->is_dn && !mxGetField(value, 0, "seed"))
+        options->seed = (*n_unseeded)++;
 }
 
 /* The array, whose column-major bytes came as MATLAB keeps them. */
@@ -227,7 +231,8 @@ static void put_array(mxArray *target, const glr_image *image) {
     mxSetFieldByNumber(target, 0, field, array_of(image));
 }
 
-static mxArray *render(glr_client *client, const mxArray *given_state, const mxArray *given_options) {
+static mxArray *render(int place, const mxArray *given_state, const mxArray *given_options) {
+    glr_client *client = clients[place];
     const int is_list = mxIsCell(given_options);
     const size_t n_frames = is_list ? mxGetNumberOfElements(given_options) : 1;
     const char *names[MAX_BODIES];
@@ -242,7 +247,7 @@ static mxArray *render(glr_client *client, const mxArray *given_state, const mxA
     frames = mxCalloc(n_frames, sizeof *frames);
     get_state(given_state, &state, names, poses);
     for (k = 0; k < n_frames; k++)
-        get_options(is_list ? mxGetCell(given_options, k) : given_options, &frames[k]);
+        get_options(is_list ? mxGetCell(given_options, k) : given_options, &frames[k], &n_noisy[place]);
     if (glr_render_frames(client, &state, frames, (uint32_t)n_frames, &reply)) {
         char id[64];
         snprintf(id, sizeof id, "glrender:%s", glr_error_code(client));
@@ -283,6 +288,7 @@ static void open_client(int n_given, const mxArray *given[], mxArray *result[]) 
     clients[place] = glr_open(host, (int)port, timeout_s);
     if (!clients[place])
         mexErrMsgIdAndTxt("glrender:memory", "memory is out");
+    n_noisy[place] = 0;
     result[0] = mxCreateDoubleScalar(place + 1);
 }
 
@@ -300,7 +306,7 @@ void mexFunction(int n_results, mxArray *result[], int n_given, const mxArray *g
     if (!strcmp(command, "open")) {
         open_client(n_given, given, result);
     } else if (!strcmp(command, "render") && n_given == 4) {
-        result[0] = render(clients[place_of(given[1])], given[2], given[3]);
+        result[0] = render(place_of(given[1]), given[2], given[3]);
     } else if (!strcmp(command, "close") && n_given == 2) {
         int place = place_of(given[1]);
         glr_close(clients[place]);

@@ -55,6 +55,40 @@ def requests(count):
              "samples": 8 if k % 5 == 0 else 1} for k in range(count)]
 
 
+def test_noise_moves_without_a_seed_and_the_reply_tells_it(endpoint):
+    """One count for `render`, `render_frames` and `render_many`; of what has noise alone. A given seed stays exact."""
+    noisy = {"camera": "navcam", "output": "dn"}
+    with Client(endpoint) as client:
+        first, again, given = (client.render(STATE, **noisy, **seed) for seed in ({}, {}, {"seed": 0}))
+        assert client.render(STATE, "navcam").header.get("seed") is None
+        frames = client.render_frames(STATE, [noisy, {"camera": "bare"}, {**noisy, "seed": 9}, noisy])
+        many = list(client.render_many([{"state": STATE, **noisy}] * 2))
+    assert [reply.header["seed"] for reply in (first, again, given)] == [0, 1, 0]
+    np.testing.assert_array_equal(first.pixels, given.pixels)
+    assert (first.pixels != again.pixels).mean() > 0.1
+    assert [frame.header.get("seed") for frame in frames] == [2, None, 9, 3]
+    assert [reply.header["seed"] for reply in many] == [4, 5]
+
+    async def asked():
+        async with AsyncClient(endpoint) as client:
+            return [(await client.render(STATE, **noisy)).header["seed"] for _ in range(2)]
+
+    assert asyncio.run(asked()) == [0, 1], "a client begins anew, and a program that runs again has the same frames"
+
+
+def test_temporal_noise_of_a_scene_that_stands_still_is_emvas(tmp_path):
+    """100 frames: K^2 (read noise^2 + electrons) + 1/12 DN^2 (EMVA 1288, eq. 16) within 3 %, over all lit pixels."""
+    still = serving.SCENE.replace("exposure_s = 0.01", "exposure_s = 3e-7")
+    with serving.server(tmp_path, scene=still) as (own, _), Client(own) as client:
+        numbers = np.array([client.render(STATE, "navcam", output="dn").pixels for _ in range(100)], float)
+    mean, variance = numbers.mean(axis=0), numbers.var(axis=0, ddof=1)
+    lit = (mean > 300.0) & (mean < 3000.0)
+    gain, read_noise_electrons = 0.1, 10.0
+    expected = gain**2 * (read_noise_electrons**2 + mean[lit] / gain) + 1.0 / 12.0
+    assert lit.sum() > 400
+    np.testing.assert_allclose((variance[lit] / expected).mean(), 1.0, rtol=0.03)
+
+
 class Proxy:
     """A ROUTER before the server that passes the n-th request on as often as a rule says: 0, 1 or 2 times."""
 

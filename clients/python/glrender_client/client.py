@@ -154,7 +154,8 @@ class Client:
             uint8, which ``glrender_camera.compression.decode`` reads by the header's `codec`, `shape`, `bit_depth`.
         exposure_s : float or "auto", optional
         seed : int, optional
-            Seed of the noise; the same request and seed give the same bytes.
+            Seed of the noise; the same request and seed give the same bytes. By default frames with noise are counted,
+            from 0: the reply's header has the seed.
         max_error : float or mapping, optional
             Error tolerance instead of the scene's: RMS, or of each unit that is named out of ``rms``, ``flux``,
             ``centroid_px``, ``limb_px``, ``range``.
@@ -283,6 +284,9 @@ class Client:
         return in_order(self, packed, in_flight)
 
     def _ask_frames(self, fields: Mapping[str, Any], op: str = "render") -> Reply:
+        if op == "render":
+            # A frame that cannot be read in place is asked for again, and is the same.
+            fields = self._pack.seeded(fields)
         if self._shared is not None and self._n_not_shared < _MAX_NOT_SHARED:
             try:
                 reply = self._ask(op, {**fields, "shared": True})

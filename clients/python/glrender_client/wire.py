@@ -16,6 +16,8 @@ from .notebook import png
 
 PROTOCOL_VERSION = 1
 _OF_A_SCENE = ("render", "range")
+# Outputs with noise, which a seed belongs to.
+_NOISY = ("dn", "compressed")
 
 
 class FrameWarning(NamedTuple):
@@ -118,14 +120,30 @@ class Packer:
     def __init__(self):
         self.name, self._next_id = f"python-{os.getpid()}-{uuid.uuid4().hex[:12]}", 1
         self.scene: str | None = None
+        self._n_noisy = 0
 
     def __call__(self, op: str, fields: Mapping[str, Any]) -> tuple[int, bytes]:
         """The request's number and its header."""
         number, self._next_id = self._next_id, self._next_id + 1
         if self.scene is not None and op in _OF_A_SCENE:
             fields = {"scene": self.scene, **fields}
+        if op == "render":
+            fields = self.seeded(fields)
         return number, msgpack.packb({"v": PROTOCOL_VERSION, "op": op, "id": number, "client": self.name, **fields},
                                      default=_plain)
+
+    def seeded(self, fields: Mapping[str, Any]) -> dict[str, Any]:
+        """The fields of a `render` request, in which each frame with noise has a seed.
+
+        One without is given the number of the client's frames without a seed before it, so that noise moves from frame
+        to frame, and a program that runs anew gets the same.
+        """
+        if "frames" in fields:
+            return {**fields, "frames": [self.seeded(frame) for frame in fields["frames"]]}
+        if fields.get("output") not in _NOISY or "seed" in fields:
+            return dict(fields)
+        seed, self._n_noisy = self._n_noisy, self._n_noisy + 1
+        return {**fields, "seed": seed}
 
 
 def frame_fields(camera: str | None = None, *, output: str = "irradiance", exposure_s: float | str | None = None,

@@ -22,6 +22,12 @@ end
 reply = client.render(state, 'camera', 'navcam', 'output', 'dn', 'exposure_s', 0.02, 'seed', uint64(7));
 check(isa(reply.pixels, 'uint16') && reply.header.seed == 7, 'dn');
 keep(folder, 'dn', reply.pixels);
+for k = 0:1
+  reply = client.render(state, 'camera', 'navcam', 'output', 'dn');
+  check(reply.header.seed == k, 'noise moves: frames without a seed are counted');
+end
+reply = client.render_frames(state, {struct('camera', 'byte', 'output', 'dn'), struct('camera', 'bare')}){1};
+check(reply.header.seed == 2, 'counted in several frames too');
 reply = client.render(state, 'camera', 'byte', 'output', 'dn', 'seed', 3, 'products', 'range');
 check(isa(reply.pixels, 'uint8') && isfield(reply.arrays, 'range'), 'uint8');
 keep(folder, 'byte', reply.pixels);

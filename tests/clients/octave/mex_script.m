@@ -18,6 +18,12 @@ options = struct('camera', 'navcam', 'output', 'dn', 'exposure_s', 0.02, 'seed',
 dn = glrender_mex('render', handle, state, options).image;
 check(isa(dn, 'uint16'), 'uint16');
 keep(folder, 'dn', dn);
+without = rmfield(options, 'seed');
+for seed = 0:1
+  options.seed = seed;
+  check(isequal(glrender_mex('render', handle, state, without).image, ...
+                glrender_mex('render', handle, state, options).image), 'frames without a seed are counted');
+end
 options.seed = intmax('uint64');
 keep(folder, 'dn_largest_seed', glrender_mex('render', handle, state, options).image);
 options.exposure_s = 'auto';
