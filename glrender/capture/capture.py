@@ -23,11 +23,13 @@ from glrender_camera.shutter import row_weights
 from ..base.errors import ConfigError, SceneError
 from ..base.plausible import Advice
 from ..engines.advice import image_advice
+from ..engines.derivatives.jacobian import Jacobian
 from ..planner.plan import RenderPlan
 from ..scene.scene import Scene
 from ..view.regions import union
 from ..view.state import State
 from .frame_advice import frame_advice, frame_notes
+from .frame_derivatives import check_still, of_digital_numbers, without_margin
 from .motion_blur import STILL, Motion, checked_sub_states, given_motion, plan_motion
 from .motion_path import moves
 from .off_axis_light import light_beyond
@@ -62,6 +64,9 @@ class Capture:
         Warnings: nothing in view or lit, saturation, an exposure at its limit; the plan's warnings.
     notes : tuple of Advice
         Notes: the exposure that "auto" chose.
+    jacobian : Jacobian, optional
+        Derivatives by the parameters that were asked for: with a frame of its mean digital numbers [DN], through the
+        point spread function, stray light, exposure and gain; else of the irradiance.
     """
 
     irradiance_W_m2: np.ndarray
@@ -72,6 +77,7 @@ class Capture:
     timings_ms: dict[str, float]
     warnings: tuple[Advice, ...] = ()
     notes: tuple[Advice, ...] = ()
+    jacobian: Jacobian | None = None
 
     def __repr__(self) -> str:
         height, width = self.irradiance_W_m2.shape
@@ -107,8 +113,8 @@ def draw_still(renderer: Any, state: State, camera: str | None = None, *, produc
         The part that is asked for, one past the last: no other is drawn where there is no coma, and the rest of the
         arrays is dark. The tolerance is held in it, with samples that the planner chose for it alone.
     **options
-        `max_error`, `samples`, `on_progress`, `out`, and the renderer's own (`Backend.options`); one that takes no
-        `on_progress` or `out` is not given it.
+        `max_error`, `samples`, `on_progress`, `out`, and the renderer's own (`Backend.options`, as `derivatives`); one
+        that takes no `on_progress` or `out` is not given it.
 
     Raises
     ------
@@ -124,6 +130,7 @@ def draw_still(renderer: Any, state: State, camera: str | None = None, *, produc
     timings = _timings(still, began)
     return Capture(irradiance_W_m2=light, products=still.products, frame=None, timings_ms=timings, warnings=warnings,
                    plan=replace(still.plan, milliseconds=sum(timings.values())),
+                   jacobian=still.jacobian and without_margin(still.jacobian, margin_px, pinhole),
                    stages={"distortion": drawing.distortion_text, "region": drawing.region_text})
 
 
@@ -186,6 +193,8 @@ def take_frame(renderer: Any, state: State, camera: str | None = None, *, seed: 
     n_rows, row_s = pinhole.height_px, model.detector.rolling_shutter_row_s
     longest_s = model.auto_exposure.max_s if exposure == "auto" else exposure
     is_moving = bool(sub_states) or _moves(state, 0.5 * (longest_s + abs(row_s) * n_rows))
+    if options.get("derivatives"):
+        check_still(pinhole, is_moving)
     margin_px, margin_text = margin_of(renderer, state, pinhole, is_moving)
     drawing = Drawing(renderer, pinhole, margin_px, True, **options)
     sensor = Sensor(scene, pinhole, margin_px)
@@ -228,7 +237,8 @@ def take_frame(renderer: Any, state: State, camera: str | None = None, *, seed: 
         warnings = (*warnings, Advice("motion", "exposure_s", motion.warning))
     return Exposed(irradiance_W_m2=light, products=still.products, frame=replace(frame, stages=stages),
                    plan=replace(still.plan, milliseconds=sum(timings.values())), stages=stages, timings_ms=timings,
-                   warnings=warnings, notes=frame_notes(asked, frame))
+                   warnings=warnings, notes=frame_notes(asked, frame),
+                   jacobian=still.jacobian and of_digital_numbers(still.jacobian, pinhole, margin_px, frame))
 
 
 def _n_drawn(state: State, motion: Motion) -> int:

@@ -15,6 +15,7 @@ from glrender_camera.projection import MAX_IMAGE_PX
 from glrender_camera.validate import integer
 
 from ..base.progress import Progress
+from ..engines.derivatives.jacobian import Jacobian
 from ..engines.image import checked_products
 from ..planner.account import in_pixels, restated
 from ..planner.plan import RenderPlan
@@ -60,6 +61,8 @@ class Still:
     plan: RenderPlan
     sun_text: str
     timings_ms: dict[str, float]
+    jacobian: Jacobian | None = None
+    """With the margin."""
 
 
 class Drawing:
@@ -159,11 +162,12 @@ class Drawing:
             roi, sun_text = union([roi, box]) if any(roi) else box, "in view"
             if not disc.any():
                 sun_text = "skipped: hidden by a body, or outside the image"
-        plan, made = image.plan, image.products
+        plan, made, jacobian = image.plan, image.products, image.jacobian
         if self._box is not None:
             x0, y0, _, _ = self._box
             roi = (roi[0] + x0, roi[1] + y0, roi[2] + x0, roi[3] + y0) if any(roi) else roi
             light = self._in_place(light, 0.0)
+            jacobian = jacobian and jacobian.moved(x0, y0)
             made = {name: self._in_place(values, _BESIDE.get(name, np.nan)) for name, values in made.items()}
         moved = 0.0
         if self.lens is not None:
@@ -181,7 +185,7 @@ class Drawing:
         small = [body for body in image.small_bodies if body.is_apart]
         return Still(irradiance_W_m2=light, roi=roi, points=self._placed([body.points for body in small]),
                      n_small=len(small), apart=frozenset(name for body in small for name in body.names),
-                     products=made, plan=plan, sun_text=sun_text, timings_ms=image.timings_ms)
+                     products=made, plan=plan, sun_text=sun_text, timings_ms=image.timings_ms, jacobian=jacobian)
 
     def _moved_error(self, light: np.ndarray) -> float:
         """RMS error [1] of an image (h, w) whose light was moved in cells: they blur it by their squared size."""

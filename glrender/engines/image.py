@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from glrender_camera import PinholeCamera
+from glrender_camera import CameraModel, PinholeCamera
 from glrender_camera.notebook import png
 from glrender_camera.validate import did_you_mean
 
@@ -17,6 +17,7 @@ from ..planner.plan import RenderPlan
 from ..scene.scene import Scene
 from ..view.state import State
 from .advice import Advice, image_advice
+from .derivatives.information import UNKNOWN, Information
 from .derivatives.jacobian import Jacobian
 from .small_bodies import SmallBody
 
@@ -69,6 +70,33 @@ class Image:
     def roi(self) -> tuple[int, int, int, int]:
         """Region [px] outside which the irradiance is zero: x0, y0, x1, y1, one past the last."""
         return self.plan.roi
+
+    def information(self, model: CameraModel | None = None, unknown: Iterable[str] = UNKNOWN, *,
+                    components: Mapping[str, Sequence[int]] | None = None, exposure_s: float | str | None = None
+                    ) -> Information:
+        """What the noise of a camera lets be known of the parameters that the image was differentiated by.
+
+        Parameters
+        ----------
+        model : CameraModel, optional
+            That of the image's camera by default.
+        unknown : iterable of str
+            Out of ``gain``, a factor on the light, and ``offset``, a level, both in digital numbers.
+        components : mapping of str to sequence of int, optional
+            Of each parameter the components that are estimated, as {"spacecraft": (0, 1, 2)} where the attitude is
+            known; all by default.
+        exposure_s : float [s] or "auto", optional
+            The model's by default.
+
+        Raises
+        ------
+        ConfigError
+        """
+        if self.jacobian is None or self.request is None:
+            raise ConfigError("derivatives", "must have been asked for", hint='derivatives=["spacecraft"] of render')
+        camera = self.request[2]
+        return Information.of(self.irradiance_W_m2, self.jacobian, camera, model or camera.model, unknown, components,
+                              exposure_s)
 
     @cached_property
     def warnings(self) -> tuple[Advice, ...]:

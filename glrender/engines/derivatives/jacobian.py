@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -22,6 +22,8 @@ class Jacobian(Mapping[str, np.ndarray]):
     roi : (int, int, int, int) [px]
         x0, y0, x1, y1, one past the last.
     arrays : dict of str to (k, h, w) float32 array
+    ranges_m : dict of str to float [m]
+        Of ``spacecraft`` and ``bodies.NAME``: from the camera to the body, or to the nearest one in view.
     sun_axes : (2, 3) float64 [1]
         Directions in `camera` in which ``sun`` moves the direction towards the Sun: the camera's x axis made
         perpendicular to it (y where the Sun stands on x), and the direction perpendicular to both.
@@ -29,7 +31,15 @@ class Jacobian(Mapping[str, np.ndarray]):
 
     roi: tuple[int, int, int, int]
     arrays: dict[str, np.ndarray]
+    ranges_m: dict[str, float]
     sun_axes: np.ndarray
+
+    def moved(self, across_px: int, down_px: int) -> Jacobian:
+        """The same in an image that begins so far to the left and above."""
+        if not any(self.roi):
+            return self
+        x0, y0, x1, y1 = self.roi
+        return replace(self, roi=(x0 + across_px, y0 + down_px, x1 + across_px, y1 + down_px))
 
     def __getitem__(self, name: str) -> np.ndarray:
         return self.arrays[name]

@@ -47,8 +47,9 @@ def derivatives_of(names: Sequence[str], drawn: Drawn, frame: Frame, rays: RayEn
         if any(not areas.seen.cutter.is_free for of_point in by_points for areas in of_point):
             errors = {name: max(error, _expected_error(name, areas_error)) for name, error in errors.items()}
     first = np.cumsum([0, *(count_of(name) for name in names)])
-    view = frame.views[0]
-    return Jacobian(roi=roi, arrays={name: found[begin:end] for name, begin, end in zip(
+    view, ranges_m = frame.views[0], {f"bodies.{view.name}": view.range_m for view in frame.views}
+    ranges_m["spacecraft"] = min(view.range_m for view in frame.views if view.is_visible or len(frame.views) == 1)
+    return Jacobian(roi=roi, ranges_m=ranges_m, arrays={name: found[begin:end] for name, begin, end in zip(
         names, first[:-1], first[1:], strict=True)}, sun_axes=sun_axes(
         view.camera_from_body @ view.sun_direction_body)), errors
 

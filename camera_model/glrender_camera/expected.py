@@ -1,0 +1,75 @@
+"""The mean charge of a frame, how it changes with the light, and how it scatters: of estimators, not of frames."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .camera import CameraModel
+from .detector import Detector
+from .light import light_on_frame
+
+# Variance of rounding to whole numbers [DN2].
+_ROUNDING = 1.0 / 12.0
+
+
+def mean_electrons(model: CameraModel, irradiance_W_m2: np.ndarray, exposure_s: float, *,
+                   relative_illumination: np.ndarray | None = None, margin_px: int = 0) -> np.ndarray:
+    """Photo-electrons (H, W) float32 that a frame has in the mean, with stray light and smear.
+
+    Without the pixels' own pattern, which is none of the light's, and without full well and dark current.
+
+    Parameters
+    ----------
+    model : CameraModel
+    irradiance_W_m2 : (H, W) float32 [W/m2], >= 0
+    exposure_s : float [s]
+    relative_illumination, margin_px
+        As of `CameraModel.expose`.
+
+    Raises
+    ------
+    ConfigError
+    """
+    light = light_on_frame(model.optics, irradiance_W_m2, relative_illumination=relative_illumination,
+                           margin_px=margin_px)
+    electrons = light.signal * np.float32(model.optics.aperture_area_m2 * model.electrons_per_joule * exposure_s)
+    smear = model.detector.frame_transfer_row_s / exposure_s
+    return electrons + np.float32(smear) * electrons.sum(axis=0) if smear > 0.0 else electrons
+
+
+def changed_electrons(model: CameraModel, changes_W_m2: np.ndarray, exposure_s: float, *,
+                      relative_illumination: np.ndarray | None = None, margin_px: int = 0) -> np.ndarray:
+    """Changes (K, H, W) float32 [e-] of the mean charge by changes of the irradiance of either sign.
+
+    Optics are linear: what rises and what falls are spread apart.
+
+    Parameters
+    ----------
+    model, exposure_s, relative_illumination, margin_px
+        As of `mean_electrons`.
+    changes_W_m2 : (K, H, W) float32 [W/m2]
+
+    Raises
+    ------
+    ConfigError
+    """
+    options = {"relative_illumination": relative_illumination, "margin_px": margin_px}
+    return np.stack([np.subtract(*(mean_electrons(model, np.maximum(sign * each, 0.0), exposure_s, **options)
+                                   for sign in (1.0, -1.0))) for each in changes_W_m2])
+
+
+def scatter_electrons(detector: Detector, electrons: np.ndarray, exposure_s: float) -> np.ndarray:
+    """Variance (H, W) [e-2] of the charge that is read out of pixels whose mean is known.
+
+    Of photons, dark current, the pixels' own response and offset, read-out and rounding.
+    """
+    fixed = (detector.dark_rate_electrons_per_s * exposure_s + detector.read_noise_electrons**2
+             + detector.dark_signal_nonuniformity_electrons**2 + _ROUNDING / detector.gain_DN_per_electron**2)
+    return electrons + (detector.photo_response_nonuniformity * electrons) ** 2 + fixed
+
+
+def are_full(detector: Detector, electrons: np.ndarray, exposure_s: float) -> np.ndarray:
+    """Pixels (H, W) bool that a mean charge fills: to the full well, or the largest digital number."""
+    charge = electrons + detector.dark_rate_electrons_per_s * exposure_s
+    largest = (detector.max_DN - detector.offset_DN) / detector.gain_DN_per_electron
+    return charge >= min(detector.full_well_electrons, largest)
