@@ -1,4 +1,4 @@
-"""Pictures of the three engines for docs/rendering.md: `python docs/img/engine_figures.py`."""
+"""Pictures of the three engines and of derivatives for docs: `python docs/img/engine_figures.py`."""
 
 from __future__ import annotations
 
@@ -68,7 +68,26 @@ def save(figure, name: str) -> None:
     plt.close(figure)
 
 
+def derivatives() -> None:
+    """A frame, and its changes by the camera's moves across and along the boresight, its roll, and the Sun's turn."""
+    with Renderer(scene(6)) as renderer:
+        image = renderer.render(state(), max_error=0.005, derivatives=["spacecraft", "sun"])
+    found, (x0, y0, x1, y1) = image.jacobian, image.jacobian.roi
+    across, _, ahead, *_, roll = found["spacecraft"]
+    shown = [("the frame", None), ("moved to the right", across), ("moved ahead", ahead), ("rolled", roll),
+             ("Sun turned", found["sun"][0])]
+    figure, panels = plt.subplots(1, len(shown), figsize=(10.5, 2.4))
+    for panel, (title, values) in zip(panels, shown, strict=True):
+        if values is None:
+            show(panel, image.irradiance_W_m2[y0:y1, x0:x1], title, close_up=False)
+        else:
+            most = float(np.percentile(np.abs(values), 99.0))
+            show(panel, values, title, close_up=False, cmap="RdBu_r", vmin=-most, vmax=most)
+    save(figure, "derivatives")
+
+
 def main() -> None:
+    derivatives()
     given = scene(5)
     with Renderer(given) as renderer:
         def drawn(**options):
