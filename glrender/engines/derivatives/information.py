@@ -55,7 +55,7 @@ class Information:
     fit: Fit
 
     @classmethod
-    def of(cls, irradiance_W_m2: np.ndarray, jacobian: Jacobian, camera: PinholeCamera, model: CameraModel,
+    def of(cls, irradiance_W_m2: np.ndarray, jacobian: Jacobian, camera: PinholeCamera, model: Any,
            unknown: Iterable[str] = UNKNOWN, components: Mapping[str, Sequence[int]] | None = None,
            exposure_s: float | str | None = None) -> Information:
         """As of `Image.information`."""
