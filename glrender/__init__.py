@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from .engines.rays.laser_ranges import RangeNoise, Ranges, laser_ranges
     from .renderer import Renderer, open_renderer
     from .scene.detail.config import Boulders, Craters, Detail, Noise
+    from .scene.lamp import Lamp
     from .scene.scene import Body, Scene, load_scene
     from .scene.shape import generate
     from .scene.shape.shape import Shape
@@ -27,11 +28,11 @@ if TYPE_CHECKING:
     from .view.state import Pose, State
 
 __version__ = version("glrender")
-__all__ = ["Body", "Boulders", "Capture", "ConfigError", "Craters", "Detail", "DeviceError", "GlrenderError", "Noise",
-           "PinholeCamera", "Pose", "ProtocolError", "RangeNoise", "Ranges", "Renderer", "Scene", "SceneError",
-           "Shape", "ShaderError", "ShapeError", "Stars", "State", "draw_still", "frames", "from_basilisk_mrp",
-           "from_matlab_dcm", "from_matlab_quat", "from_ros", "from_scipy", "from_spice", "generate", "laser_ranges",
-           "load_scene", "open_renderer", "take_frame"]
+__all__ = ["Body", "Boulders", "Capture", "ConfigError", "Craters", "Detail", "DeviceError", "GlrenderError", "Lamp",
+           "Noise", "PinholeCamera", "Pose", "ProtocolError", "RangeNoise", "Ranges", "Renderer", "Scene",
+           "SceneError", "Shape", "ShaderError", "ShapeError", "Stars", "State", "draw_still", "frames",
+           "from_basilisk_mrp", "from_matlab_dcm", "from_matlab_quat", "from_ros", "from_scipy", "from_spice",
+           "generate", "laser_ranges", "load_scene", "open_renderer", "take_frame"]
 
 _MODULES = {"frames": ".base.rotations", "generate": ".scene.shape.generate"}
 _NAMES = {
@@ -45,6 +46,7 @@ _NAMES = {
     ".engines.rays.laser_ranges": ("RangeNoise", "Ranges", "laser_ranges"),
     ".renderer": ("Renderer", "open_renderer"),
     ".scene.detail.config": ("Boulders", "Craters", "Detail", "Noise"),
+    ".scene.lamp": ("Lamp",),
     ".scene.scene": ("Body", "Scene", "load_scene"),
     ".scene.shape.shape": ("Shape",),
     ".scene.stars": ("Stars",),

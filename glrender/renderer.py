@@ -28,7 +28,7 @@ from .engines.plugin_checks import try_twin
 from .engines.prepared_body import PreparedBody
 from .engines.raster.gl.context import Context
 from .engines.raster.gl.evaluate import BrdfEvaluator
-from .engines.raster.gl.targets import DEPTH_BYTES, PixelMask, Target
+from .engines.raster.gl.targets import DEPTH_BYTES
 from .engines.raster.meshes import body_mesh, body_traits
 from .engines.raster.product_pass import ProductPass
 from .engines.raster.shadow_maps import Shadows
@@ -40,6 +40,7 @@ from .planner.error_model import rounding_px
 from .planner.frame_plan import FramePlan, plan_frame
 from .planner.request import ENGINES, WHOLE_IMAGE, ImageUse, Request
 from .planner.seen import seen_bodies
+from .planner.walls import between_walls
 from .scene.plugins.registry import OPENGL_BACKENDS, backends
 from .scene.scene import Scene
 from .scene.tolerance import checked_max_error
@@ -85,18 +86,19 @@ class Renderer:
             except DeviceError:
                 pass  # embreex has no wheel for every machine: OpenGL draws all there
             self._rays, self._engines = rays, ENGINES if rays is not None else ("raster",)
+            if scene.lamps:
+                self._engines = _for_lamps(scene, rays)
             self._bodies = {body.name: PreparedBody(
                 index=index, body=body, traits=body_traits(body), mesh=mesh,
                 solid=None if rays is None else rays.solid(body.name),
                 facets=None if coverage is None else coverage.facets(body.name))
                 for index, (body, mesh) in enumerate(zip(scene.bodies, meshes, strict=True))}
+            self._left_out = between_walls(scene)
             self._shadows = Shadows(self._context, scene, self._bodies)
             stack.callback(self._shadows.close)
-            mask, irradiance, products = (stack.enter_context(each) for each in (
-                PixelMask(self._context), Target(self._context, [1]), Target(self._context, [4, 4, 4])))
-            self._surfaces = SurfacePass(mask, scene, self._bodies)
-            self._irradiance = IrradiancePass(self._context, irradiance, self._surfaces, rays, coverage)
-            self._products = ProductPass(products, self._surfaces)
+            self._surfaces = stack.enter_context(SurfacePass(self._context, scene, self._bodies))
+            self._irradiance = stack.enter_context(IrradiancePass(self._context, self._surfaces, rays, coverage))
+            self._products = stack.enter_context(ProductPass(self._context, self._surfaces))
             for law in {id(body.brdf): body.brdf for body in scene.bodies}.values():
                 try_twin(law, self.evaluate_brdf)
             self._emissions = Emissions(self._context, scene, self._surfaces, self._shadows)
@@ -183,7 +185,7 @@ class Renderer:
         frame = self._frame(plan)
         clock.lap("shadow")
         drawn = self._irradiance.draw(plan, frame, irradiance, clock, deadline)
-        made = account(plan, drawn)
+        made = account(plan, drawn, self._left_out)
         if self._emissions:
             made = self._emissions.add(irradiance, state, frame, made)
             clock.lap("emission")
@@ -286,6 +288,17 @@ def open_renderer(scene: Scene, backend: str = "auto", device_index: int | None 
             raise ConfigError(name, f"is no option of backend {backend!r}",
                               hint=f"it has {', '.join(made.settings)}" if made.settings else "it has none")
     return made(scene, **arguments, **options)
+
+
+def _for_lamps(scene: Scene, rays: RayEngine | None) -> tuple[str, ...]:
+    """The engines that draw a scene with lamps: rays alone, which draw no surface detail."""
+    for index, body in enumerate(scene.bodies):
+        if body.detail is not None:
+            raise ConfigError(f"bodies[{index}].detail", "goes without lamps: rays draw them, and no surface detail",
+                              hint="leave one out; the backend cycles draws both")
+    if rays is None:
+        raise DeviceError("lamps are drawn by rays, which need embreex: pip install embreex")
+    return ("rays",)
 
 
 def _deadline(seconds: float | None) -> float:

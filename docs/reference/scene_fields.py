@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from glrender import Body, Detail, PinholeCamera, Scene, Stars, generate
+from glrender import Body, Detail, Lamp, PinholeCamera, Scene, Stars, generate
 from glrender.brdf.presets import PRESETS as LAW_PRESETS
 from glrender.scenario import disturbances, dynamics, encounter, kepler, paths, random_states, samplers, torques
 from glrender.scenario.attitude import Fixed, Pointing, Spin
@@ -123,6 +123,7 @@ SCENE: tuple[Table, ...] = (
     Table("the file", (Scene,), more={
         "bodies": ("list of tables", "One at least; below."), "cameras": ("list of tables", "One at least; below."),
         "stars": ("table", "The sky behind the bodies, of frames with a detector; below."),
+        "lamps": ("list of tables", "On the spacecraft; below."),
         "emission": ("list of tables", "Light that no surface scatters, as of a [coma](../coma.md)."),
         "max_error": ("float [1], 0..1", "RMS irradiance error over the mean of the lit pixels.")}),
     Table("bodies", (Body,), ("albedo_map",), {
@@ -131,6 +132,7 @@ SCENE: tuple[Table, ...] = (
         "terrain": ("table", "Ground of a map; below."),
         "length_unit": ("\"m\", \"km\" or float", "Of the shape file; metres per unit when a number. DSKs have one."),
         "surface": ("int", "SPICE's number of the surface, of a DSK with several."),
+        "inside": ("bool", "Closed shells stay as the file has them: a camera may be in those that face inward."),
         "sides": ("\"file\", \"front\" or \"both\"", "Of open shells, as panels; \"file\" by default."),
         "brdf": ("table", "The reflectance law; below."),
         "albedo_texture": ("text", "An image whose grey value over its full scale scales the law's albedo."),
@@ -170,7 +172,8 @@ SCENE: tuple[Table, ...] = (
     Table("cameras.model.detector", (Detector,)),
     Table("cameras.model.auto_exposure", (AutoExposure,)),
     Table("cameras.distortion", (BrownConrady,)),
-    Table("stars", (Stars,)))
+    Table("stars", (Stars,)),
+    Table("lamps", (Lamp,)))
 """Tables of a scene file."""
 
 SCENARIO: tuple[Table, ...] = (

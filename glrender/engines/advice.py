@@ -61,10 +61,14 @@ def image_advice(scene: Scene, state: State, camera: PinholeCamera, plan: Render
     found += state_doubts(state, scene.hulls) + _distance_advice(scene, state) + _size_advice(state, plan)
     in_view = [body.name for body in plan.bodies if body.is_visible]
     x0, y0, x1, y1 = roi
-    if not has_points and not (some_rows(light[y0:y1, x0:x1]).any() or light[y0:y1, x0:x1].any()):
+    is_dark = not has_points and not (some_rows(light[y0:y1, x0:x1]).any() or light[y0:y1, x0:x1].any())
+    if behind := _behind_ground(scene, state, camera, [body.name for body in plan.bodies if body.is_visible and (
+            is_dark or math.isinf(body.size_px))]):
+        found += behind
+    elif is_dark:
         if in_view or not has_stars:
             found += _why_dark(scene, state, camera, in_view, region, has_stars)
-    elif in_view and not scene.emission and all(_is_night(state, name) for name in in_view):
+    elif in_view and not scene.emission and not scene.lamps and all(_is_night(state, name) for name in in_view):
         name = _printable(in_view[0])
         found.append(_night_side(name, 180.0 - math.degrees(_lit_angle(state, in_view[0]))))
     return tuple(found)
@@ -103,6 +107,19 @@ def _size_advice(state: State, plan: RenderPlan) -> list[Advice]:
                 f"{_printable(body.name)} is {body.size_px:.2g} px across at a range of {range_m:.3g} m; check its "
                 "length_unit (km or m), and that positions are in metres")))
     return found
+
+
+def _behind_ground(scene: Scene, state: State, camera: PinholeCamera, names: Sequence[str]) -> list[Advice]:
+    """Warnings of bodies of open shells, out of some, whose nearest facets turn their backs to the camera."""
+    bodies = [body for body in scene.bodies if body.name in names and not body.shape.report.is_watertight]
+    if not bodies:
+        return []
+    place_m = {view.name: view.r_camera_body_m
+               for view in view_bodies(state, replace(camera, distortion=None), scene.hulls)}
+    return [Advice("behind_ground", "state.spacecraft.r_inertial_m", (
+        f"the camera is behind the ground of {_printable(body.name)}, or under it: the facets nearest to it turn their "
+        "backs, which nobody sees; check state.spacecraft.r_inertial_m, or wind the facets the other way"))
+        for body in bodies if body.hull.is_behind(place_m[body.name])]
 
 
 # Dark images
@@ -148,7 +165,7 @@ def _why_dark(scene: Scene, state: State, camera: PinholeCamera, in_view: Sequen
             f"nothing of the bodies is in the region {list(map(int, region))} px; the outline of {name} is within "
             f"{_box_text(middle)}"))]
     phase_deg = math.degrees(middle.phase_rad)
-    if phase_deg > 90.0:
+    if phase_deg > 90.0 and not scene.lamps:
         return [_night_side(name, phase_deg)]
     return [Advice("dark", f"state.bodies.{name}", (
         f"nothing that is in view of {name} is lit, at a phase of {phase_deg:.3g} deg: it may be in shadow, its own or "

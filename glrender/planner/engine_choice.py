@@ -19,7 +19,7 @@ from glrender_camera import PinholeCamera
 from ..view.regions import Group
 from ..view.view import BodyView
 from .error_budget import CELL_SHARE, PENUMBRA_SHARE, SAMPLES_SHARE, Budget
-from .error_model import CRESCENT_RAD, SMOOTH_PER_RAD, centroids, facets_per_px, parallel_error, ray_rounding_error
+from .error_model import CRESCENT_RAD, SMOOTH_PER_RAD, facets_per_px, parallel_error, ray_rounding_error
 from .plan import CENTROIDS, ONE_DIRECTION, SLIVERS, UNEVEN, BodyPlan, Target, WindowPlan
 from .request import MAX_SAMPLES, Request
 from .seen import Seen
@@ -109,6 +109,8 @@ def ways_to_draw(group: Group, bodies: Sequence[Seen], plans: Sequence[BodyPlan]
         options, why = [*coverage, *rays, *raster], "asked for"
     elif request.has_gpu and is_fine_enough:
         options, why = [*raster, *coverage, *rays], "there is a GPU, and its shadow map is fine enough"
+    elif "raster" not in request.engines:
+        options, why = rays, "rays alone draw lamps"
     elif is_crowded:
         options = [*rays, *coverage, *([] if rays else raster)]
         why = f"more than {MOST_FACETS_PER_PX:g} facets that face Sun and camera share a pixel"
@@ -264,24 +266,21 @@ def _coverage(part: _Part) -> list[WindowPlan]:
         return []
     # Light falls in slivers far smaller than facets: what none of their corners sees is lost.
     below_rad = min((math.pi - body.view.phase_rad for body in bodies if not body.traits.is_convex), default=math.inf)
-    of_flux = {SLIVERS: _CRESCENT_LOSS / max(below_rad, 1e-3) ** 3}
-    clipped = part.window("coverage", budget, modelled, modelled_flux=of_flux, flux_error=part.hard_flux,
-                          has_planes=has_planes, **where)
+    # No point spread function averages what the flux loses.
+    modelled[SLIVERS] = _CRESCENT_LOSS / max(below_rad, 1e-3) ** 3 / budget.flux_share
+    clipped = part.window("coverage", budget, modelled, flux_error=part.hard_flux, has_planes=has_planes, **where)
     half_rad = min(0.5 * group.phase_rad, 1.5)
     least = CENTROIDS_LEAST * max(math.tan(half_rad) / math.tan(math.radians(30.0)), 1.0) ** _CENTROIDS_POWER
-    view, traits = bodies[0].view, bodies[0].traits
-    allowed = request.budget(group, centroids(part.noise("coverage")[0]))
-    modelled["hard edges"] = max(body.penumbra.hard_error for body in bodies)
-    of_flux = {**of_flux, CENTROIDS: least}
-    is_too_much = allowed.rms_of(modelled, of_flux) > PENUMBRA_SHARE * allowed.tolerance
+    view, traits, allowed = bodies[0].view, bodies[0].traits, request.budget(group, "centroids")
+    modelled |= {CENTROIDS: least / allowed.flux_share,
+                 "hard edges": max(body.penumbra.hard_error for body in bodies)}
+    is_too_much = math.hypot(*modelled.values()) > PENUMBRA_SHARE * allowed.tolerance
     # Where bodies hide or shade each other facets are clipped at the edges anyway.
     if (is_too_much or has_planes or len(bodies) > 1 or bodies[0].casters or not traits.has_centroids
             or facets_per_px(view, traits.n_facets) < _LEAST_FACETS_PER_PX
             or view.phase_rad + traits.radius_m / view.range_m > _CENTROIDS_RAD):
         return [clipped]
-    by_centroids = part.window("coverage", allowed, modelled, modelled_flux=of_flux, by_centroids=True,
-                               flux_error=part.hard_flux, **where)
-    return [by_centroids, clipped]
+    return [part.window("coverage", allowed, modelled, by_centroids=True, flux_error=part.hard_flux, **where), clipped]
 
 
 def _are_coarse(windows: Sequence[WindowPlan]) -> bool:

@@ -95,13 +95,15 @@ class Request:
             raise ConfigError("use", "must be an ImageUse of glrender.planner.request", self.use, "leave it out")
         if self.samples is not None:
             object.__setattr__(self, "samples", integer("samples", self.samples, 1, MAX_SAMPLES))
+            if "raster" not in self.engines:
+                raise ConfigError("samples", "are drawn by OpenGL, which draws no lamps", self.samples, "leave it out")
         if self.engine is not None and self.engine not in self.engines:
             raise ConfigError("engine", f"must be one of {', '.join(self.engines)}", self.engine)
         if self.samples is not None and self.engine not in (None, "raster"):
             raise ConfigError("engine", "must be raster, or left out, where samples are given", self.engine)
 
     def budget(self, group: Group, how: str) -> Budget:
-        """The errors that bodies may have which are drawn so: by a `WindowPlan.how`.
+        """The errors that bodies may have which are drawn so: by "centroids", or an engine's name.
 
         They are before the camera's point spread function, which leaves that of the flux as it is.
         """

@@ -91,7 +91,8 @@ class Body:
     def from_file(cls, path: str | Path, *, name: str, brdf: Law, length_unit: str | float | None = None,
                   albedo_texture: str | Path | None = None, albedo_texture_gain: float = 1.0,
                   smooth_normals: bool = False, detail: Detail | None = None, sides: str = "file",
-                  albedo_projection: Mapping[str, Any] | None = None, surface: int | None = None) -> Body:
+                  albedo_projection: Mapping[str, Any] | None = None, surface: int | None = None,
+                  inside: bool = False) -> Body:
         """A body from a shape file.
 
         Parameters
@@ -108,6 +109,8 @@ class Body:
             Sides of open shells: `Shape.from_file`.
         albedo_projection : mapping, optional
             Of a texture of longitudes and latitudes, as of `Body`.
+        inside : bool
+            Closed shells are rooms: `Shape.from_file`.
 
         Raises
         ------
@@ -118,7 +121,7 @@ class Body:
             gain = positive("albedo_texture_gain", albedo_texture_gain)
             with error_path("albedo_texture"):
                 albedo_map = read_texture(Path(albedo_texture)) * np.float32(gain)
-        shape = Shape.from_file(path, length_unit=length_unit, sides=sides, surface=surface)
+        shape = Shape.from_file(path, length_unit=length_unit, sides=sides, surface=surface, inside=inside)
         return cls(name=name, shape=shape, brdf=brdf, albedo_map=albedo_map, smooth_normals=smooth_normals,
                    detail=detail, albedo_projection=albedo_projection)
 

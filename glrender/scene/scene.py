@@ -16,6 +16,7 @@ from ..base.errors import ConfigError, SceneError, error_path
 from ..base.plausible import Advice
 from . import scene_file as scene_tables
 from .body import Body
+from .lamp import Lamp
 from .plausible import camera_doubts, refuse_bands_without_sun
 from .shape.convex_hull import Hull
 from .solar_irradiance import Band
@@ -25,7 +26,7 @@ from .tolerance import checked_max_error
 __all__ = ["Body", "Scene", "band_irradiances", "load_scene"]
 
 SCENE_KEYS = ("bodies", "cameras", "stars", "solar_irradiance_1au_W_m2", "max_error", "sun_disc",
-              "emission")
+              "emission", "lamps")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -48,6 +49,8 @@ class Scene:
         The sky behind the bodies, of frames with a detector.
     emission : sequence
         Light that no surface scatters, as `emission_frame.Emission`: none unless asked for.
+    lamps : sequence of Lamp
+        On the spacecraft.
     """
 
     bodies: Sequence[Body]
@@ -57,14 +60,15 @@ class Scene:
     sun_disc: bool = True
     stars: Stars | None = None
     emission: Sequence[Any] = ()
+    lamps: Sequence[Lamp] = ()
 
     def __post_init__(self):
-        for label, kind in (("bodies", Body), ("cameras", PinholeCamera)):
+        for label, kind in (("bodies", Body), ("cameras", PinholeCamera), ("lamps", Lamp)):
             members = getattr(self, label)
             if not isinstance(members, Iterable):
                 raise ConfigError(label, f"must be a sequence of {kind.__name__}", members)
             members = tuple(members)
-            if not members:
+            if not members and kind is not Lamp:
                 raise ConfigError(label, "must have at least one member")
             names = set()
             for index, member in enumerate(members):
@@ -170,6 +174,9 @@ class Scene:
             named = {body.name: body for body in bodies}
             rest["emission"] = [scene_tables.emission(entry, f"{path}.emission[{i}]", files, named)
                                 for i, entry in enumerate(scene_tables.tables(f"{path}.emission", table["emission"]))]
+        if "lamps" in table:
+            rest["lamps"] = [scene_tables.lamp(entry, f"{path}.lamps[{i}]")
+                             for i, entry in enumerate(scene_tables.tables(f"{path}.lamps", table["lamps"]))]
         with error_path(path):
             return cls(bodies=bodies, cameras=cameras, stars=stars, **rest)
 

@@ -17,6 +17,7 @@ from ..brdf import Law
 from ..brdf.presets import PRESETS
 from .body import NO_COORDINATES, Body, read_texture
 from .detail.config import Detail
+from .lamp import Lamp
 from .plugins.checks import blamed_on, is_foreign, named, try_law
 from .plugins.registry import emissions, laws, shape_readers
 from .shape import generate
@@ -24,10 +25,10 @@ from .shape.shape import SIDES, Shape, file_scale
 from .stars import Stars
 
 _BODY_KEYS = ("name", "shape", "generated", "terrain", "length_unit", "surface", "brdf", "albedo_texture",
-              "albedo_texture_gain", "smooth_normals", "detail", "sides", "albedo_projection")
+              "albedo_texture_gain", "smooth_normals", "detail", "sides", "albedo_projection", "inside")
 # What a body's shape is made of.
 _SHAPE_KEYS = ("shape", "generated", "terrain")
-_OF_FILES = ("length_unit", "sides", "surface")
+_OF_FILES = ("length_unit", "sides", "surface", "inside")
 _CAMERA_KEYS = ("name", "width_px", "height_px", "focal_length_px", "principal_point_px",
                 "q_camera_from_spacecraft", "r_camera_spacecraft_m", "model", "distortion")
 # Longest name of a file on all file systems in use.
@@ -105,7 +106,8 @@ def body(table: Mapping[str, Any], path: str, files: Files) -> Body:
             scale = file_scale(file, table.get("length_unit"))
             sides = one_of("sides", table.get("sides", "file"), SIDES)
         with error_path(f"{path}.shape"):
-            shape = Shape.from_file(file, length_unit=scale, sides=sides, surface=table.get("surface"))
+            shape = Shape.from_file(file, length_unit=scale, sides=sides, surface=table.get("surface"),
+                                    inside=table.get("inside", False))
     if "albedo_texture" in table:
         if albedo_map is not None:
             raise ConfigError(f"{path}.albedo_texture", "goes with ground without an orthophoto",
@@ -180,6 +182,13 @@ def camera(table: Mapping[str, Any], path: str) -> PinholeCamera:
         # The lens asks more of the field than the camera: a rim, and cells that are not stretched too far.
         lens_of(made)
     return made
+
+
+def lamp(table: Mapping[str, Any], path: str) -> Lamp:
+    """A lamp of its table in a scene file."""
+    known_keys(path, table, [f.name for f in fields(Lamp)], required=("name", "intensity_W_sr"))
+    with error_path(path):
+        return Lamp(**table)
 
 
 def stars(table: Mapping[str, Any], path: str) -> Stars:

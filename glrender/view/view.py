@@ -12,6 +12,7 @@ from glrender_camera.validate import did_you_mean
 from ..base import rotations as frames
 from ..base.constants import AU_M, SUN_RADIUS_M
 from ..base.errors import ConfigError, SceneError
+from ..scene.lamp import Lamp
 from ..scene.shape.convex_hull import Hull
 from .plausible import sun_way_out
 from .state import State
@@ -104,6 +105,13 @@ def between(view: BodyView, other: BodyView) -> tuple[np.ndarray, np.ndarray]:
         return np.eye(3), np.zeros(3)
     rotation = other.camera_from_body.T @ view.camera_from_body
     return rotation, other.r_camera_body_m - rotation @ view.r_camera_body_m
+
+
+def lamp_in(view: BodyView, lamp: Lamp, camera: PinholeCamera) -> tuple[np.ndarray, np.ndarray]:
+    """Place (3,) [m] and direction (3,) of a lamp in a body's frame, about the origin of a view's places."""
+    body_from_spacecraft = view.camera_from_body.T @ frames.dcm(camera.q_camera_from_spacecraft)
+    aside_m = lamp.r_spacecraft_m - camera.r_camera_spacecraft_m
+    return view.r_camera_body_m + body_from_spacecraft @ aside_m, body_from_spacecraft @ lamp.direction
 
 
 def phase_angle(to_sun: np.ndarray, to_camera: np.ndarray) -> float:

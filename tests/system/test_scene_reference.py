@@ -82,7 +82,7 @@ FILES = {
                                         ("cameras", 0, "model", "optics", part))
        for part in ("aberrations", "stray_light")},
     "cameras.distortion": (in_camera(distortion={}), ("cameras", 0, "distortion")),
-    "stars": (scene(stars={}), ("stars",)),
+    "stars": (scene(stars={}), ("stars",)), "lamps": (scene(lamps=[{}]), ("lamps", 0)),
     "bodies.orbit, of elements": (in_body(scenario, orbit={"epoch_tdb": "2020-01-01"}), ("bodies", 0, "orbit")),
     "bodies.orbit, of its periapsis": (
         in_body(scenario, orbit={"periapsis_distance_m": 1e11, "periapsis_tdb": "2020-01-01"}), ("bodies", 0, "orbit")),

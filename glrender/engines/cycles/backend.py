@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Iterable
 from dataclasses import replace
@@ -12,7 +13,7 @@ import numpy as np
 from glrender_camera import PinholeCamera
 from glrender_camera.validate import integer, positive
 
-from ...base.errors import DeviceError
+from ...base.errors import ConfigError, DeviceError
 from ...base.own_process import OwnProcess
 from ...brdf import Lambert
 from ...planner.adaptive_samples import frame_error
@@ -69,6 +70,9 @@ class Cycles:
         self._hulls = scene.hulls
         self._terms = BlenderTerms(scene)
         self._is_lambert = all(type(body.brdf) is Lambert for body in scene.bodies)
+        if scene.lamps and not self._is_lambert:
+            raise ConfigError("lamps", "shine on Lambert's law alone in the backend cycles", None,
+                              "the backends raytrace and auto draw them with every law")
         self._blender: BlenderProcess | None = None
         self._rays: RayEngine | None = None
         self._emitted = Emitted(scene, self._ray_engine)
@@ -148,6 +152,7 @@ class Cycles:
             lens = Lens.of(group, pinhole)
             asked = self._terms.view(main, members, views, lens)
             solar = self.scene.solar_irradiance_of(pinhole) / main.sun_distance_au**2
+            asked["lamps"] = self._terms.lamps(main, pinhole, solar)
             self._shape_ground(members, pinhole)
             draw = partial(self._pixels, asked, lens, solar, bounces)
             rounds = Rounds(draw, seed, _part_of(on_progress, index, len(groups)))
@@ -192,7 +197,8 @@ class Cycles:
         self._blender = BlenderProcess()
         self._displaced: set[int] = set()
         described, arrays = self._terms.bodies()
-        self._ask({"op": "load", "bodies": described, "threads": self._n_threads}, arrays)
+        lamps = [{"half_angle_rad": math.radians(lamp.half_angle_deg)} for lamp in self.scene.lamps]
+        self._ask({"op": "load", "bodies": described, "lamps": lamps, "threads": self._n_threads}, arrays)
 
     def _shape_ground(self, members: list[BodyView], camera: PinholeCamera) -> None:
         """Give Blender the ground that the camera resolves of bodies with detail."""

@@ -6,11 +6,12 @@ import math
 from typing import Any
 
 import numpy as np
+from glrender_camera import PinholeCamera
 
 from ...base import rotations as frames
 from ...brdf import Lambert
 from ...scene.scene import Body, Scene
-from ...view.view import BodyView
+from ...view.view import BodyView, lamp_in
 from .lens import Lens
 from .osl import law_as_osl
 
@@ -51,6 +52,16 @@ class BlenderTerms:
     def arrays(self, body: Body) -> dict[str, np.ndarray]:
         """The geometry of a body, for `drawing.Stage`."""
         return _arrays(body, self._origin_m[body.name], self._unit_m)
+
+    def lamps(self, main: BodyView, camera: PinholeCamera, solar_W_m2: float) -> list[dict[str, Any]]:
+        """Lamps as `drawing.Stage.draw` takes them, in the axes of one body, for a Sun of 1 W/m2 there."""
+        made = []
+        for lamp in self._scene.lamps:
+            place_m, axis = lamp_in(main, lamp, camera)
+            place = (place_m - self._origin_m[main.name]) / self._unit_m
+            watts = 4.0 * math.pi * lamp.intensity_W_sr / (solar_W_m2 * self._unit_m**2)
+            made.append({"from": frames.transform(_axes_along(-axis), place).tolist(), "watts": watts})
+        return made
 
     def view(self, main: BodyView, members: list[BodyView], views: list[BodyView], lens: Lens) -> dict[str, Any]:
         """The view as `drawing.Stage.draw` takes it: poses in the axes of one body, about its middle, so that it is

@@ -45,6 +45,8 @@ _SURE = 1.5
 class AimedRays:
     """The facets of a frame that face the camera and any of the Sun's disc, and rays from their points.
 
+    Where there are lamps, those that face the camera: rays are aimed by the Sun alone, and at none then.
+
     Parameters
     ----------
     engine : RayEngine
@@ -56,7 +58,7 @@ class AimedRays:
     """
 
     def __init__(self, engine: RayEngine, camera: PinholeCamera, views: list[BodyView], roi: tuple[int, int, int, int]):
-        self._roi, (x0, y0, x1, y1) = roi, roi
+        self._roi, (x0, y0, x1, y1), self._has_lamps = roi, roi, bool(engine.scene.lamps)
         self.shape = (y1 - y0, x1 - x0)
         self._bodies = [_FacingFacets(engine, camera, view, views, roi) for view in views if view.is_visible]
 
@@ -68,7 +70,7 @@ class AimedRays:
     @property
     def is_able(self) -> bool:
         """Whether each of these facets is at about one distance, so that its points are of about equal weight."""
-        return all(body.depth_ratio < _MOST_DEEP for body in self._bodies)
+        return not self._has_lamps and all(body.depth_ratio < _MOST_DEEP for body in self._bodies)
 
     def of_darkness(self, error: float) -> float:
         """A dark image's error [1]: all light, where there are facets and rays cannot be aimed, else as given."""
@@ -159,8 +161,8 @@ class _FacingFacets:
         self._engine, self._camera, self._view, self._views, self._roi = engine, camera, view, views, roi
         solid = self._solid = engine.solid(view.name)
         self._sun_radius_rad = view.sun_radius_rad if engine.scene.sun_disc else 0.0
-        facing = np.flatnonzero((solid.normals @ view.sun_direction_body > -self._sun_radius_rad)
-                                & (solid.normals @ view.r_camera_body_m > solid.offset_m))
+        may_be_lit = (solid.normals @ view.sun_direction_body > -self._sun_radius_rad) | bool(engine.scene.lamps)
+        facing = np.flatnonzero(may_be_lit & (solid.normals @ view.r_camera_body_m > solid.offset_m))
         corner = solid.facets[facing].T
         from_camera = solid.vertices_m - view.r_camera_body_m
         depth_m = from_camera @ view.camera_from_body[2]

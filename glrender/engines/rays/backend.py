@@ -22,6 +22,7 @@ from ...base.progress import Progress
 from ...planner.adaptive_samples import frame_error
 from ...planner.error_model import CRESCENT_RAD, lit_share
 from ...planner.predicted import rms_tolerance
+from ...planner.walls import between_walls
 from ...scene.scene import Scene
 from ...scene.tolerance import checked_max_error
 from ...view.state import State
@@ -64,7 +65,7 @@ class RayTracer:
 
     def __init__(self, scene: Scene):
         self._own, self.scene = OwnProcess(), scene
-        self._engine = RayEngine(scene)
+        self._engine, self._left_out = RayEngine(scene), between_walls(scene)
         self._emitted = Emitted(scene, lambda: self._engine)
 
     def __enter__(self) -> RayTracer:
@@ -138,7 +139,7 @@ class RayTracer:
         arrays = traced_products(self._engine, wanted, pinhole, views, roi)
         way_out = "leave samples out" if samples is not None else _TOO_FEW if mean.any() else _DARK
         frame_plan = full_shape_plan(self.scene, pinhole, views, max_error=max_error, predicted_error=reached, roi=roi,
-                                     way_out=way_out)
+                                     way_out=way_out, left_out=self._left_out)
         frame_plan = self._emitted.add(irradiance, state, pinhole, views, frame_plan)
         took_ms = 1e3 * (time.perf_counter() - began)
         return Image(irradiance_W_m2=irradiance, products=arrays, plan=replace(frame_plan, milliseconds=took_ms),

@@ -16,10 +16,11 @@ import numpy as np
 from glrender_camera import PinholeCamera, threads
 
 from ...base.rotations import sun_from_body
+from ...scene.lamp import ALL_ROUND_DEG, Lamp
 from ...scene.scene import Body, Scene
 from ...scene.shape.facet_blocks import FacetBlocks
 from ...scene.surface import Surface
-from ...view.view import FINE_FOOTPRINT, BodyView, between
+from ...view.view import FINE_FOOTPRINT, BodyView, between, lamp_in
 from .exact_loops import ALL_SIDES, FACING, TURNED
 from .mesh import ANY_REACH, LEAST_LIFT, LIFT, Hits, RayMesh, dot
 from .near_mesh import NearMesh
@@ -33,6 +34,8 @@ _REACH = 3.0
 _PLACES_AT_ONCE = 1 << 19
 R2 = np.array([0.7548776662466927, 0.5698402909980532])
 """Steps of Roberts' sequence, in two dimensions [1]."""
+# Distance [m] of a lamp from ground, at least, so that its light is finite.
+_LEAST_M = 1e-9
 # Factor of a congruential generator.
 _FACTOR = 1664525
 
@@ -234,16 +237,39 @@ class RayEngine:
         """Write the irradiance (N,) of places (N, 2) [px]."""
         ray = camera.directions(pixel).T
         on_disc = None if draw is None else partial(_on_disc, pixel, camera.principal_point_px, draw)
-        for index, hits in self._first(ray, views):
+
+        def per_pixel(radiance: np.ndarray, place: np.ndarray) -> np.ndarray:
+            off_axis = ray[2].take(place)
+            # A pixel's solid angle falls off as cos^3 of its angle from the boresight.
+            light = radiance * (off_axis * off_axis * off_axis) / camera.focal_length_px**2
+            return light if camera.lens_map is None else light / camera.lens_map.area_scales(
+                (ray[:2] / ray[2]).take(place, axis=1))
+
+        for index, met in self._first(ray, views):
             view = views[index]
             # Points in shadow are shaded too: leaving them out would cost more.
-            hits, r_body, to_sun, is_lit = self._facing(hits, view, views, on_disc)
+            hits, r_body, to_sun, is_lit = self._facing(met, view, views, on_disc)
             radiance = self.radiance(hits.facet, r_body, hits.normal, -hits.ray, to_sun, hits.distance_m, view, camera)
-            off_axis = ray[2].take(hits.place)
-            # A pixel's solid angle falls off as cos^3 of its angle from the boresight.
-            value[hits.place] = is_lit * radiance * (off_axis * off_axis * off_axis) / camera.focal_length_px**2
-            if camera.lens_map is not None:
-                value[hits.place] /= camera.lens_map.area_scales((ray[:2] / ray[2]).take(hits.place, axis=1))
+            value[hits.place] = per_pixel(is_lit * radiance, hits.place)
+            for lamp in self.scene.lamps:
+                hits, radiance = self._lit_by(lamp, met, view, views, camera)
+                value[hits.place] += per_pixel(radiance, hits.place)
+
+    def _lit_by(self, lamp: Lamp, hits: Hits, view: BodyView, views: list[BodyView], camera: PinholeCamera
+                ) -> tuple[Hits, np.ndarray]:
+        """Hits that face a lamp and are in its cone, and their radiance (K,) [W/m2/sr] in its light."""
+        place_m, axis = lamp_in(view, lamp, camera)
+        to_lamp = place_m[:, None] - _points(hits, view)
+        distance_m = np.maximum(np.sqrt(dot(to_lamp, to_lamp)), _LEAST_M)
+        to_lamp /= distance_m
+        is_in_cone = lamp.half_angle_deg == ALL_ROUND_DEG or dot(axis[:, None], to_lamp) <= -lamp.least_cosine
+        chosen = np.flatnonzero((dot(hits.normal, to_lamp) > 0.0) & is_in_cone)
+        hits, to_lamp, distance_m = hits.at(chosen), to_lamp.take(chosen, axis=1), distance_m.take(chosen)
+        r_body = _points(hits, view)
+        above = self._mesh(view).raised(r_body, hits.facet, hits.normal, LEAST_LIFT)
+        is_lit = self._has_free_line(r_body, above, to_lamp, view, views, distance_m)
+        light = self._reflected(hits.facet, r_body, hits.normal, -hits.ray, to_lamp, hits.distance_m, view, camera)
+        return hits, is_lit * light * lamp.intensity_W_sr / distance_m**2
 
     def radiance(self, facet: np.ndarray, r_body_m: np.ndarray, normal: np.ndarray, to_camera: np.ndarray,
                  to_sun: np.ndarray, range_m: np.ndarray, view: BodyView, camera: PinholeCamera) -> np.ndarray:
@@ -251,15 +277,20 @@ class RayEngine:
 
         By unit vectors (3, N): the facets' normals, those towards the camera, and towards the Sun (3,) or (3, N).
         """
+        solar = self.scene.solar_irradiance_of(camera) / view.sun_distance_au**2
+        return solar * self._reflected(facet, r_body_m, normal, to_camera, to_sun, range_m, view, camera)
+
+    def _reflected(self, facet: np.ndarray, r_body_m: np.ndarray, normal: np.ndarray, to_camera: np.ndarray,
+                   to_light: np.ndarray, range_m: np.ndarray, view: BodyView, camera: PinholeCamera) -> np.ndarray:
+        """Radiance (N,) [1/sr] as of `radiance`, for 1 W/m2 across the light."""
         solid = self._solids[view.name]
         surface, to_camera = solid.surface, to_camera.T
         weights = surface.weights(facet, r_body_m.T) if solid.needs_weights else None
         normal = surface.normals(facet, weights, to_camera) if surface.body.smooth_normals else normal.T
         if (relief := surface.body.relief) is not None:
             normal = relief.normals(normal, r_body_m.T, range_m / camera.focal_length_px, to_camera)
-        brdf = surface.brdf(to_sun.T, to_camera, normal, surface.albedo_scale(facet, weights))
-        solar = self.scene.solar_irradiance_of(camera) / view.sun_distance_au**2
-        return solar * brdf * np.maximum(dot(normal.T, to_sun), 0.0)
+        brdf = surface.brdf(to_light.T, to_camera, normal, surface.albedo_scale(facet, weights))
+        return brdf * np.maximum(dot(normal.T, to_light), 0.0)
 
     def _facing(self, hits: Hits, view: BodyView, views: list[BodyView],
                 on_disc: Callable[[np.ndarray], np.ndarray] | None = None
@@ -335,7 +366,7 @@ class _Solid(RayMesh):
     def __init__(self, body: Body):
         shape = body.drawn_shape
         super().__init__(shape.vertices_m, shape.facets,
-                         not shape.report.is_watertight or shape.other_side is not None)
+                         not shape.report.is_watertight or shape.other_side is not None or shape.inside)
         self.surface = Surface(body)
         self.needs_weights = body.smooth_normals or body.albedo_map is not None
         self.is_uneven = self.needs_weights or body.relief is not None

@@ -24,6 +24,8 @@ _CONVEX_AREA_RTOL = 1e-4
 _FLAT_RTOL = 1e-6
 # Distance from a hull over its radius [1] within which that of a surface with dips is measured.
 _CLOSE = 0.02
+# Difference of distances over them [1] by which facets are as near: those around an edge.
+_NEAREST_RTOL = 1e-9
 # Directions that give a hull's outlines.
 _EXTREMES = 500
 
@@ -108,6 +110,12 @@ class Hull:
         if distance > (0.0 if self.is_convex else _CLOSE * self.radius_m):
             return distance
         return self.blocks.distance_m(point_m)
+
+    def is_behind(self, point_m: np.ndarray) -> bool:
+        """Whether all facets nearest to a point (3,) [m] turn away from it, as of one under ground."""
+        facet, _ = self.blocks.within(point_m, (1.0 + _NEAREST_RTOL) * self.blocks.distance_m(point_m))
+        a, b, c = (self._corners[0][self._corners[1][facet, k]] for k in range(3))
+        return bool((np.einsum("fx,fx->f", np.cross(b - a, c - a), point_m - a) < 0.0).all())
 
     @cached_property
     def blocks(self) -> FacetBlocks:

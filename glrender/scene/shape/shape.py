@@ -113,6 +113,8 @@ class Shape:
         Facets of shells that have an inside: closed, or closed but for holes. By default all.
     other_side : (F,) int, optional
         The facet that is the other side of each, in the same place, or -1. By default none has one.
+    inside : bool
+        Whether closed shells are as the file has them, of which some face inward: a camera may be within.
     """
 
     vertices_m: np.ndarray
@@ -121,10 +123,11 @@ class Shape:
     report: ShapeReport
     solid: np.ndarray | None = None
     other_side: np.ndarray | None = None
+    inside: bool = False
 
     @classmethod
     def from_file(cls, path: str | Path, *, length_unit: str | float | None = None, max_facets: int = MAX_FACETS,
-                  sides: str = "file", surface: int | None = None) -> Shape:
+                  sides: str = "file", surface: int | None = None, inside: bool = False) -> Shape:
         """Read, check and repair a shape file.
 
         Parameters
@@ -139,6 +142,8 @@ class Shape:
             the facets as they are, or both of each. Closed shells are seen from outside.
         surface : int, optional
             SPICE's number of the surface, of a DSK with several.
+        inside : bool
+            Closed shells stay as the file has them: a room faces inward, a pillar in it outward.
 
         Raises
         ------
@@ -155,7 +160,7 @@ class Shape:
             with np.errstate(over="ignore"):
                 vertices_m = mesh.vertices * scale
             is_double = mesh.is_double_sided if sides == "file" else sides == "both"
-            shape = _checked(vertices_m, mesh.facets, mesh.uv, is_double)
+            shape = _checked(vertices_m, mesh.facets, mesh.uv, is_double, inside)
         messages = (*mesh.warnings, *_unit_doubt(shape), *shape.report.warnings)
         for text in messages:
             _log.warning("%s: %s", path.name, text)
@@ -163,7 +168,7 @@ class Shape:
 
     @classmethod
     def from_arrays(cls, vertices_m: np.ndarray, facets: np.ndarray, *, uv: np.ndarray | None = None,
-                    sides: str = "file") -> Shape:
+                    sides: str = "file", inside: bool = False) -> Shape:
         """Check and repair a mesh: weld, drop what has no area, turn outward.
 
         Parameters
@@ -175,12 +180,14 @@ class Shape:
         uv : (F, 3, 2) float, optional
         sides : {"file", "front", "both"}
             As of `from_file`: "file" takes the facets as they are.
+        inside : bool
+            As of `from_file`.
 
         Raises
         ------
         ShapeError
         """
-        return _checked(vertices_m, facets, uv, one_of("sides", sides, SIDES) == "both")
+        return _checked(vertices_m, facets, uv, one_of("sides", sides, SIDES) == "both", inside)
 
     @cached_property
     def radius_m(self) -> float:
@@ -252,8 +259,11 @@ class Shape:
         Path(path).write_text("\n".join(lines) + "\n", encoding="ascii")
 
 
-def _checked(vertices_m: object, facets: object, uv: object, is_double: np.ndarray | bool | None) -> Shape:
+def _checked(vertices_m: object, facets: object, uv: object, is_double: np.ndarray | bool | None, inside: bool
+             ) -> Shape:
     """The shape of arrays that `from_arrays` takes; facets (F,) of open shells that are double get their other side."""
+    if not isinstance(inside, bool):
+        raise ShapeError("inside", "must be true or false", inside)
     try:
         vertices, facets = np.asarray(vertices_m, np.float64), np.asarray(facets)
         uv = None if uv is None else np.asarray(uv, np.float32)
@@ -277,10 +287,11 @@ def _checked(vertices_m: object, facets: object, uv: object, is_double: np.ndarr
     if uv is not None and (uv.shape != (*facets.shape, 2) or not np.isfinite(uv).all()):
         raise ShapeError("uv", f"must be {(*facets.shape, 2)} finite numbers", uv.shape)
     is_double = np.broadcast_to(False if is_double is None else is_double, len(facets))
-    return _repaired(vertices, facets.astype(np.int64), uv, is_double)
+    return _repaired(vertices, facets.astype(np.int64), uv, is_double, inside)
 
 
-def _repaired(vertices: np.ndarray, facets: np.ndarray, uv: np.ndarray | None, is_double: np.ndarray) -> Shape:
+def _repaired(vertices: np.ndarray, facets: np.ndarray, uv: np.ndarray | None, is_double: np.ndarray, inside: bool
+              ) -> Shape:
     used, facets = _renumbered(facets, len(vertices))
     n_unused, vertices = len(vertices) - len(used), vertices[used]
     extent = float(np.ptp(vertices, axis=0).max())
@@ -313,11 +324,15 @@ def _repaired(vertices: np.ndarray, facets: np.ndarray, uv: np.ndarray | None, i
     if (changed := of_one_diagonal(vertices, facets, edges)) is not None:
         facets, corners = changed[0], corners.ravel()[changed[1]]
         edges = Edges(facets)
-    shells = wound(vertices, facets, edges)
+    shells = wound(vertices, facets, edges, inside)
+    if inside and not shells.has_rooms:
+        raise ShapeError("inside", "goes with closed shells of which one faces inward, and there is none", inside,
+                         "leave it out where shells are open; turn a room's facets over where they face outward")
     flipped, corners = shells.is_flipped, _turned(corners, shells.is_flipped)
     if (doubled := shells.is_open & is_double[corners[:, 0] // 3]).any():
         facets, corners = (np.concatenate([each, each[doubled][:, ::-1]]) for each in (shells.facets, corners))
-        flipped, shells = np.pad(flipped, (0, len(facets) - len(flipped))), wound(vertices, facets, Edges(facets))
+        flipped = np.pad(flipped, (0, len(facets) - len(flipped)))
+        shells = wound(vertices, facets, Edges(facets), inside)
         flipped, corners = flipped | shells.is_flipped, _turned(corners, shells.is_flipped)
     facets, solid = shells.facets, shells.is_solid
     # Facets without an area close their neighbours' edges, and are left out only after shells are known.
@@ -346,7 +361,7 @@ def _repaired(vertices: np.ndarray, facets: np.ndarray, uv: np.ndarray | None, i
         seam_gap_m=gap_m, n_unused=n_unused, n_degenerate=n_degenerate, n_duplicate=n_duplicate, n_flipped=n_flipped,
         n_open_edges=shells.n_open_edges, n_non_manifold_edges=shells.n_non_manifold_edges, volume_m3=volume,
         extent_m=(extents[0], extents[1], extents[2]), warnings=())
-    return Shape(vertices_m=vertices, facets=facets, uv=uv, solid=solid, other_side=other_side,
+    return Shape(vertices_m=vertices, facets=facets, uv=uv, solid=solid, other_side=other_side, inside=inside,
                  report=replace(report, warnings=_warnings(report, shells.n_holed_edges)))
 
 

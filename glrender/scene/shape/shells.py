@@ -45,6 +45,8 @@ class Shells:
         Shells, and facets that are there with both their sides.
     n_open_edges, n_holed_edges, n_non_manifold_edges : int
         Edges of one facet, such edges in shells that are closed else, and edges of more than two facets.
+    has_rooms : bool
+        Whether a closed shell came facing inward.
     """
 
     facets: np.ndarray
@@ -56,6 +58,7 @@ class Shells:
     n_open_edges: int
     n_holed_edges: int
     n_non_manifold_edges: int
+    has_rooms: bool = False
 
 
 def seams(vertices: np.ndarray, edges: Edges) -> tuple[np.ndarray, float, float]:
@@ -132,11 +135,11 @@ def of_one_diagonal(vertices: np.ndarray, facets: np.ndarray, edges: Edges
     return made, was
 
 
-def wound(vertices: np.ndarray, facets: np.ndarray, edges: Edges) -> Shells:
+def wound(vertices: np.ndarray, facets: np.ndarray, edges: Edges, inside: bool = False) -> Shells:
     """The shells of a mesh, each turned as it should be.
 
     Facets that share an edge with one other are of one shell. Within a shell, winding is made that of most of its
-    facets. A closed shell is turned outward by its signed volume.
+    facets. A closed shell is turned outward by its signed volume, but where a camera may be inside: there it stays.
     """
     is_flipped, is_solid, is_open = np.zeros((3, len(facets)), bool)
     is_twin = _are_twins(facets)
@@ -164,6 +167,7 @@ def wound(vertices: np.ndarray, facets: np.ndarray, edges: Edges) -> Shells:
     volume = np.bincount(shell, np.einsum("ij,ij->i", corner[:, 0], np.cross(corner[:, 1], corner[:, 2])), n_shells)
     has_volume = np.abs(volume) > _VOLUME_RTOL * area * size
     is_inward = is_closed & has_volume & (volume < 0.0)
+    has_rooms, is_inward = bool(is_inward.any()), is_inward & (not inside)
     rest = np.where(is_inward[shell][:, None], rest[:, [0, 2, 1]], rest)
     facets = facets.copy()
     facets[single], is_flipped[single] = rest, flipped ^ is_inward[shell]
@@ -171,7 +175,7 @@ def wound(vertices: np.ndarray, facets: np.ndarray, edges: Edges) -> Shells:
     open_sides, _ = edges.sides(edges.size == 1)
     return Shells(
         facets=facets, is_flipped=is_flipped, is_solid=is_solid, is_open=is_open, n_shells=n_shells + n_twin_shells,
-        n_two_sided=int(is_twin.sum()) // 2,
+        n_two_sided=int(is_twin.sum()) // 2, has_rooms=has_rooms,
         n_open_edges=len(open_sides), n_holed_edges=int(is_holed[shell[open_sides // 3]].sum()),
         n_non_manifold_edges=int((edges.size > 2).sum()))
 

@@ -23,13 +23,13 @@ _MOST_TABLED = 8192
 
 
 class Stage:
-    """Bodies, a Sun and a camera.
+    """Bodies, a Sun, lamps and a camera.
 
     Parameters
     ----------
     head : dict
         `bodies`: name, law (None, with normal_albedo, for Lambert's; else the text of an OSL shader),
-        has_texture, smooth.
+        has_texture, smooth. `lamps`: half_angle_rad of each.
     arrays : dict
         By ``name/index``: vertices (N, 3) float32, facets (M, 3) int32, uv (M, 3, 2), normals (N, 3),
         texture (H, W), bottom row first.
@@ -54,6 +54,7 @@ class Stage:
         self._sun, self._camera = (self._object(name, data) for name, data in
                                    (("sun", self._light), ("camera", self._lens)))
         self._scene.camera = self._camera
+        self._lamps = [self._lamp(told) for told in head["lamps"]]
         self._fill_tables()
 
     def _fill_tables(self) -> None:
@@ -81,12 +82,16 @@ class Stage:
         ----------
         head : dict
             `bodies_from` (4 x 4 matrices), `camera_from`, `sun_from`, `sun_angle_rad` (across), `size`,
-            `region`, `focal_length`, `shift`, `clip`, `samples`, `seed`, `bounces`, `is_indirect`.
+            `region`, `focal_length`, `shift`, `clip`, `samples`, `seed`, `bounces`, `is_indirect`; `lamps`: `from`,
+            and the `watts` of one that shines so all round.
         progress : callable
             Called with the share done, 0..1.
         """
         for body, matrix in zip(self._bodies, head["bodies_from"], strict=True):
             _place(body, matrix)
+        for lamp, told in zip(self._lamps, head.get("lamps", ()), strict=False):
+            _place(lamp, told["from"])
+            lamp.data.energy = told["watts"]
         _place(self._camera, head["camera_from"])
         _place(self._sun, head["sun_from"])
         if self._light.angle != np.float32(head["sun_angle_rad"]):
@@ -129,6 +134,14 @@ class Stage:
         finally:
             bpy.data.images.remove(read)
             os.remove(self._path)
+
+    def _lamp(self, told: dict) -> bpy.types.Object:
+        is_cone = told["half_angle_rad"] < 3.0
+        light = bpy.data.lights.new("lamp", "SPOT" if is_cone else "POINT")
+        light.shadow_soft_size = 0.0
+        if is_cone:
+            light.spot_size, light.spot_blend = 2.0 * told["half_angle_rad"], 0.0
+        return self._object("lamp", light)
 
     def _object(self, name: str, data) -> bpy.types.Object:
         made = bpy.data.objects.new(name, data)
