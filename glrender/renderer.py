@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 from glrender_camera import PinholeCamera
-from glrender_camera.validate import within
 
 from .base.errors import ConfigError, DeviceError
 from .base.own_process import OwnProcess
@@ -43,7 +42,7 @@ from .planner.seen import seen_bodies
 from .planner.walls import between_walls
 from .scene.plugins.registry import OPENGL_BACKENDS, backends
 from .scene.scene import Scene
-from .scene.tolerance import checked_max_error
+from .scene.tolerance import checked_deadline, checked_max_error
 from .view.regions import union
 from .view.state import State
 
@@ -303,7 +302,7 @@ def _for_lamps(scene: Scene, rays: RayEngine | None) -> tuple[str, ...]:
 
 def _deadline(seconds: float | None) -> float:
     """The end [s] by `time.monotonic` of a time from now on."""
-    return math.inf if seconds is None else time.monotonic() + within("deadline_s", seconds, 1e-6, 1e6)
+    return math.inf if seconds is None else time.monotonic() + checked_deadline(seconds)
 
 
 def _blank(camera: PinholeCamera, out: np.ndarray | None) -> np.ndarray:

@@ -116,6 +116,7 @@ classdef GlRenderClient < handle
       %   ([x0 y0 x1 y1], pixels from 0, one past the last: whole(y0 + 1:y1, x0 + 1:x1)), faults (cell of structs),
       %   backend ('raytrace' or 'cycles': who draws, in seconds or minutes, instead of the server's own backend; give
       %   the client a Timeout as long).
+      %   deadline_s: nothing more is begun after this time [s]; reply.header.is_late says whether the frame took longer.
       %   Without a seed, frames with noise are counted from 0; reply.header.seed has it.
       %   max_error is a number, or a struct of any of rms, flux, centroid_px, limb_px, range.
       %   'progress', @(share) fprintf('%.0f %%\n', 100 * share) is called about twice a second while a server with
@@ -332,7 +333,7 @@ classdef GlRenderClient < handle
 
     function names = frame_options()
       names = {'camera', 'output', 'exposure_s', 'seed', 'max_error', 'samples', 'products', 'roi', ...
-               'faults'};
+               'faults', 'deadline_s'};
     end
 
     function names = list(names)

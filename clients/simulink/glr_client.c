@@ -202,5 +202,6 @@ int glr_render(glr_client *client, const glr_state *state, const glr_options *op
 
 int glr_render_frames(glr_client *client, const glr_state *state, const glr_options *frames, uint32_t n_frames,
                       glr_reply *reply) {
-    return render(client, state, frames, n_frames, 1, reply);
+    /* One frame alone: errors name its fields without its place in a list. */
+    return render(client, state, frames, n_frames, n_frames != 1, reply);
 }

@@ -14,6 +14,7 @@
 #include <stdint.h>
 
 #define GLR_MAX_IMAGES 15 /* images and products of one reply */
+#define GLR_MAX_WARNINGS 8 /* warnings that a reply keeps; `header` has all */
 
 typedef struct glr_client glr_client;
 
@@ -48,6 +49,7 @@ typedef struct {
     uint32_t roi[4]; /* region of interest [px]: x0, y0, x1, y1, one past the last; 0, 0, 0, 0: the whole */
     const char *scene; /* digest of the scene that is meant (docs/protocol.md): where another is served, the frame is
                           refused; NULL: whatever is served. Of the first frame, for all */
+    double deadline_s; /* [s] after which nothing more of the frame is begun; 0: none */
 } glr_options;
 
 /* The image or a product of a frame. */
@@ -61,9 +63,22 @@ typedef struct {
     size_t n_bytes;
 } glr_image;
 
+/* A warning of a frame: what is odd in its view, or a tolerance that is missed. */
+typedef struct {
+    uint32_t frame;    /* index of its frame in the request */
+    char code[32];     /* as in docs/protocol.md */
+    char message[256]; /* a longer one ends early */
+} glr_warning;
+
 typedef struct {
     uint32_t n_images;
     glr_image images[GLR_MAX_IMAGES];
+    uint32_t n_warnings;
+    glr_warning warnings[GLR_MAX_WARNINGS];
+    uint64_t seeds[GLR_MAX_IMAGES]; /* by frame: of the noise of digital numbers */
+    int is_late[GLR_MAX_IMAGES];    /* by frame: whether it took longer than its deadline_s */
+    const void *header;             /* all of it as msgpack, the client's until its next call: plan, stages, ... */
+    size_t n_header_bytes;
 } glr_reply;
 
 /* A client, connected at its first request; NULL when memory is out.

@@ -114,11 +114,58 @@ static int read_images(glr_reader *in, const glr_message *message, glr_reply *re
     return 0;
 }
 
+static void read_warnings(glr_reader *in, glr_reply *reply, uint32_t frame) {
+    uint32_t count = glr_get_list(in), k, j;
+    for (k = 0; k < count && !in->failed; k++) {
+        const int has_place = reply->n_warnings < GLR_MAX_WARNINGS;
+        glr_warning spare, *warning = has_place ? &reply->warnings[reply->n_warnings++] : &spare;
+        uint32_t n_pairs = glr_get_map(in);
+        memset(warning, 0, sizeof *warning);
+        warning->frame = frame;
+        for (j = 0; j < n_pairs && !in->failed; j++) {
+            glr_text key = glr_get_text(in);
+            if (glr_text_is(key, "code"))
+                glr_copy_text(warning->code, sizeof warning->code, glr_get_text(in));
+            else if (glr_text_is(key, "message"))
+                glr_copy_text(warning->message, sizeof warning->message, glr_get_text(in));
+            else
+                glr_skip(in);
+        }
+    }
+}
+
+/* Whether a pair is a fact of one frame; its value is read then. */
+static int read_fact(glr_reader *in, glr_text key, glr_reply *reply, uint32_t frame) {
+    if (frame >= GLR_MAX_IMAGES)
+        return 0;
+    if (glr_text_is(key, "warnings"))
+        read_warnings(in, reply, frame);
+    else if (glr_text_is(key, "seed"))
+        reply->seeds[frame] = glr_get_uint(in);
+    else if (glr_text_is(key, "is_late"))
+        reply->is_late[frame] = glr_get_bool(in);
+    else
+        return 0;
+    return 1;
+}
+
+static void read_frames(glr_reader *in, glr_reply *reply) {
+    uint32_t count = glr_get_list(in), k, j;
+    for (k = 0; k < count && !in->failed; k++) {
+        uint32_t n_pairs = glr_get_map(in);
+        for (j = 0; j < n_pairs && !in->failed; j++)
+            if (!read_fact(in, glr_get_text(in), reply, k))
+                glr_skip(in);
+    }
+}
+
 int glr_read_render(const glr_message *message, glr_reply *reply, glr_error *error) {
     glr_reader in = header_of(message);
     uint32_t n_pairs = glr_get_map(&in), k;
     int ok = 0;
     memset(reply, 0, sizeof *reply);
+    reply->header = message->parts[0];
+    reply->n_header_bytes = message->sizes[0];
     for (k = 0; k < n_pairs && !in.failed; k++) {
         glr_text key = glr_get_text(&in);
         if (glr_text_is(key, "ok"))
@@ -128,7 +175,9 @@ int glr_read_render(const glr_message *message, glr_reply *reply, glr_error *err
         else if (glr_text_is(key, "arrays")) {
             if (read_images(&in, message, reply, error))
                 return -1;
-        } else
+        } else if (glr_text_is(key, "frames"))
+            read_frames(&in, reply);
+        else if (!read_fact(&in, key, reply, 0))
             glr_skip(&in);
     }
     if (in.failed)

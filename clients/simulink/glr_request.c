@@ -35,16 +35,17 @@ static uint32_t n_units(const glr_options *frame) {
            + (frame->max_range > 0.0);
 }
 
-static void put_tolerance(glr_buffer *out, const char *unit, double most) {
-    if (most > 0.0) {
-        glr_put_text(out, unit);
-        glr_put_double(out, most);
+static void put_positive(glr_buffer *out, const char *name, double number) {
+    if (number > 0.0) {
+        glr_put_text(out, name);
+        glr_put_double(out, number);
     }
 }
 
 static uint32_t n_fields(const glr_options *frame) {
     return 1u + (frame->camera != NULL) + (frame->is_dn ? 1u + (frame->exposure_s != 0.0) : 0u)
-           + (frame->max_error > 0.0 || n_units(frame)) + (frame->samples > 0) + (frame->n_products > 0) + (uint32_t)has_roi(frame);
+           + (frame->max_error > 0.0 || n_units(frame)) + (frame->samples > 0) + (frame->n_products > 0) + (uint32_t)has_roi(frame)
+           + (frame->deadline_s > 0.0);
 }
 
 /* The pairs of one frame, `n_fields` of them. */
@@ -70,13 +71,13 @@ static void put_frame(glr_buffer *out, const glr_options *frame) {
     if (n_units(frame)) {
         glr_put_text(out, "max_error");
         glr_put_map(out, n_units(frame) + (frame->max_error > 0.0));
-        put_tolerance(out, "rms", frame->max_error);
-        put_tolerance(out, "flux", frame->max_flux);
-        put_tolerance(out, "centroid_px", frame->max_centroid_px);
-        put_tolerance(out, "limb_px", frame->max_limb_px);
-        put_tolerance(out, "range", frame->max_range);
+        put_positive(out, "rms", frame->max_error);
+        put_positive(out, "flux", frame->max_flux);
+        put_positive(out, "centroid_px", frame->max_centroid_px);
+        put_positive(out, "limb_px", frame->max_limb_px);
+        put_positive(out, "range", frame->max_range);
     } else {
-        put_tolerance(out, "max_error", frame->max_error);
+        put_positive(out, "max_error", frame->max_error);
     }
     if (frame->samples) {
         glr_put_text(out, "samples");
@@ -88,6 +89,7 @@ static void put_frame(glr_buffer *out, const glr_options *frame) {
         for (k = 0; k < frame->n_products; k++)
             glr_put_text(out, frame->products[k]);
     }
+    put_positive(out, "deadline_s", frame->deadline_s);
     if (has_roi(frame)) {
         glr_put_text(out, "roi");
         glr_put_list(out, 4);

@@ -1,13 +1,14 @@
 /* The C client as a MEX function: plain sockets, no tcpclient, no MATLAB code between. Build: build_glrender_mex.m
  *
  *     handle = glrender_mex('open', host, port, timeout_s)
- *     reply = glrender_mex('render', handle, state, options)      struct: image, and each product asked for
+ *     reply = glrender_mex('render', handle, state, options)      struct: image, each product asked for, header_bytes
  *     replies = glrender_mex('render', handle, state, {options, ...})     cell of such: several frames in one request
  *     glrender_mex('close', handle)
  *
- * state: as for GlRenderClient, `bodies` a struct. options: struct with any of camera, output, exposure_s, seed, max_error,
- * samples, products, roi, backend, scene (docs/protocol.md; the first struct's last two hold for all). Without a seed, a
- * handle's frames with noise are counted from 0.
+ * state: as for GlRenderClient, `bodies` a struct. options: struct with any of camera, output, exposure_s, seed,
+ * max_error, samples, products, roi, deadline_s, backend, scene (docs/protocol.md; the last two of the first struct hold
+ * for all). Without a seed, a handle's frames with noise are counted from 0.
+ * glr_unpack(reply.header_bytes) has the rest: warnings, plan, seed, is_late, stages; of several frames, of them all.
  * Errors: glrender:CODE, glrender:argument.
  */
 #include <ctype.h>
@@ -171,6 +172,10 @@ static void get_options(const mxArray *value, glr_options *options, uint64_t *n_
             options->samples = (uint32_t)samples;
         } else if (!strcmp(name, "products")) {
             get_products(given, options);
+        } else if (!strcmp(name, "deadline_s")) {
+            numbers_of(given, name, 1, &options->deadline_s);
+            if (!(options->deadline_s > 0.0))
+                mexErrMsgIdAndTxt(ARGUMENT, "deadline_s must be > 0");
         } else if (!strcmp(name, "backend")) {
             options->backend = text_of(given, name);
         } else if (!strcmp(name, "scene")) {
@@ -261,6 +266,12 @@ static mxArray *render(int place, const mxArray *given_state, const mxArray *giv
             mexErrMsgIdAndTxt("glrender:protocol", "an image of frame %u of %u", (unsigned)image->frame,
                               (unsigned)n_frames);
         put_array(made[image->frame], image);
+    }
+    for (k = 0; k < n_frames; k++) {
+        const mwSize shape[2] = {1, reply.n_header_bytes};
+        mxArray *bytes = mxCreateNumericArray(2, shape, mxUINT8_CLASS, mxREAL);
+        memcpy(mxGetData(bytes), reply.header, reply.n_header_bytes);
+        mxSetFieldByNumber(made[k], 0, mxAddField(made[k], "header_bytes"), bytes);
     }
     if (!is_list)
         return made[0];

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -21,7 +22,7 @@ from ..planner.account import restated
 from ..planner.plan import RenderPlan
 from ..planner.request import ImageUse
 from ..scene.scene import Scene
-from ..scene.tolerance import by_unit, checked_max_error
+from ..scene.tolerance import LEAST_DEADLINE_S, by_unit, checked_deadline, checked_max_error
 from ..view.regions import union
 from ..view.state import State
 from ..view.view import view_bodies
@@ -126,6 +127,8 @@ class Drawing:
         asked = _in_pixels(by_unit(self._tolerance), n)
         if "rms" in asked:
             asked["rms"] = min(asked["rms"] / self._share, 1.0)
+        seconds = self._options.pop("deadline_s", None)
+        self._ends_s = None if seconds is None else time.monotonic() + checked_deadline(seconds)
         self._options["max_error"] = asked if isinstance(self._tolerance, Mapping) else asked["rms"]
         self._options["samples"] = -(-samples // n) if isinstance(samples, int) else samples
 
@@ -152,7 +155,9 @@ class Drawing:
         wanted = checked_products(products)
         asked = wanted if self.lens is None or not set(wanted) & set(_SMOOTH) else {*wanted, *_SMOOTH, "body_id"}
         told = {"on_progress": self.progress.part(*part)} if self._tells else {}
-        image = self._renderer.render(state, self.source, products=asked, **told, **self._options)
+        # All poses of an exposure share the time.
+        left = {} if self._ends_s is None else {"deadline_s": max(self._ends_s - time.monotonic(), LEAST_DEADLINE_S)}
+        image = self._renderer.render(state, self.source, products=asked, **told, **left, **self._options)
         light, roi, sun_text = image.irradiance_W_m2, image.roi, "skipped: out of view"
         box = sun_box(state, self.source) if self._is_for_detector else None
         if box is not None:

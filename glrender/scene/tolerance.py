@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from glrender_camera.validate import finite, known_keys
+from glrender_camera.validate import finite, known_keys, within
 
 from ..base.errors import ConfigError
 
@@ -12,6 +12,8 @@ UNITS = ("rms", "flux", "centroid_px", "limb_px", "range")
 """Units of a frame's errors: docs/accuracy.md defines them."""
 LEAST = 2.0**-24
 """Least tolerance of any unit [1] or [px]: half a step of the float32 in which pixels are stored."""
+LEAST_DEADLINE_S, _MAX_DEADLINE_S = 1e-6, 1e6
+"""Least time [s] of a frame: what is left of one that has passed."""
 _MOST_PX = 1e4
 
 
@@ -45,3 +47,13 @@ def _checked(value: object, name: str, most: float) -> float:
         raise ConfigError(name, f"must be > 0 and <= {most:g}", value,
                           percent if number > 0.0 else f"the least is {LEAST:.2g}, which float32 pixels hold")
     return number
+
+
+def checked_deadline(seconds: object) -> float:
+    """The time [s] that a frame may take, 1e-6..1e6.
+
+    Raises
+    ------
+    ConfigError
+    """
+    return within("deadline_s", seconds, LEAST_DEADLINE_S, _MAX_DEADLINE_S)

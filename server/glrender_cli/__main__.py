@@ -18,10 +18,10 @@ from glrender_server.logs import is_ours
 # Each command is a module of `commands`, loaded when it is asked for.
 COMMANDS = {
     "init": "write a scene file, or a whole scenario, with comments to start from",
-    "fields": "print the fields of a table of scene and scenario files",
     "check": "describe a shape, a scene or a scenario, and warn of oddities",
     "render": "draw one frame of a scene, a scenario or a shape file",
     "plan": "explain how a frame is drawn, its predicted error, and the effects left out",
+    "fields": "print the fields of a table of scene and scenario files",
     "sequence": "draw frames of many states as files, on all cores",
     "dataset": "draw labelled frames in shards: WebDataset, HDF5, COCO or BOP",
     "compress": "what each codec does to a frame: rate, errors, shifts of centre and features",

@@ -12,13 +12,15 @@ from glrender import ConfigError, PinholeCamera, ProtocolError, Scene
 from glrender.capture.outputs import checked_output, has_exposure
 from glrender.capture.static_exposure import drawn_pixels
 from glrender.engines.image import peak_bytes
+from glrender.scene.tolerance import checked_deadline
 from glrender_camera.faults.fault import Fault
 from glrender_camera.faults.frame_faults import checked_faults
 from glrender_camera.validate import integer, known_keys, positive
 
 from .limits import MAX_ARRAYS, MAX_FRAME_BYTES
 
-FRAME_KEYS = ("camera", "output", "exposure_s", "seed", "max_error", "samples", "products", "roi", "faults")
+FRAME_KEYS = ("camera", "output", "exposure_s", "seed", "max_error", "samples", "products", "roi", "faults",
+              "deadline_s")
 """Fields of a frame: of the request itself, or of an entry of its `frames`."""
 _OF_THE_REQUEST = ("state", "backend", "shared")
 
@@ -42,6 +44,7 @@ class FrameRequest:
     roi: tuple[int, int, int, int] | None
     peak_bytes: int
     faults: tuple[Fault, ...] | None = None
+    deadline_s: float | None = None
 
     @classmethod
     def from_dict(cls, table: Mapping[str, Any], scene: Scene, path: str = "") -> FrameRequest:
@@ -68,9 +71,10 @@ class FrameRequest:
             raise ConfigError("roi", "goes with no output 'compressed': a stream is of the whole frame", table["roi"],
                               "leave it out and cut the decoded frame, or ask for output 'dn'")
         roi = _region(table["roi"], camera) if "roi" in table else None
+        deadline_s = checked_deadline(table["deadline_s"]) if "deadline_s" in table else None
         return cls(path=path, camera=camera, output=output, exposure_s=exposure_s, seed=seed,
                    max_error=table.get("max_error"), samples=table.get("samples"), products=products, roi=roi,
-                   peak_bytes=peak_bytes(drawn_pixels(camera), products), faults=faults)
+                   peak_bytes=peak_bytes(drawn_pixels(camera), products), faults=faults, deadline_s=deadline_s)
 
     @property
     def is_sent_as_drawn(self) -> bool:

@@ -202,8 +202,10 @@ class Operations:
                drawing: Mapping[str, Any]
                ) -> tuple[dict[str, Any], dict[str, tuple[np.ndarray, str]], tuple[Advice, ...]]:
         """The reply's fields of one frame, its arrays with their units, and its warnings and notes."""
-        camera, fields = asked.camera, {}
+        camera, fields, began = asked.camera, {}, time.perf_counter()
         options = {"products": asked.products, "max_error": asked.max_error, "samples": asked.samples, **drawing}
+        if asked.deadline_s is not None:
+            options["deadline_s"] = asked.deadline_s
         if has_exposure(asked.output):
             options |= {"seed": asked.seed, "exposure_s": asked.exposure_s, "faults": asked.faults}
             capture = self._drawn(backend, take_frame, state, camera.name, **options)
@@ -222,6 +224,8 @@ class Operations:
         else:
             capture = self._drawn(backend, draw_still, state, camera.name, roi=asked.roi, **options)
             image = capture.irradiance_W_m2
+        if asked.deadline_s is not None:
+            fields["is_late"] = time.perf_counter() - began > asked.deadline_s
         arrays = {"image": (asked.cut(image), _UNITS[asked.output])}
         arrays |= {name: (asked.cut(array), _UNITS[name]) for name, array in capture.products.items()}
         own = [advice for advice in capture.warnings if advice not in self._of_scene]

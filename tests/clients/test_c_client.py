@@ -233,6 +233,22 @@ def test_two_cameras_products_and_a_region_are_pythons_pixels(build, live, tmp_p
     assert (tmp_path / "out").read_bytes() == b"".join(array.tobytes("F") for array in expected)
 
 
+def test_the_facts_of_a_reply_are_pythons(build, live, tmp_path, monkeypatch):
+    """Seeds and lateness by frame, warnings with their frame: the second frame looks at a pixel's corner of nothing."""
+    endpoint, (_, port) = live
+    state = {**msgpack.unpackb(GOLDEN["request_render"][0])["state"]}
+    monkeypatch.setenv("GLR_FACTS", "1")
+    said = run_many(build(HERE / "render_frames.c"), port, 1, "byte", "range", 10, 12, 37, 29, tmp_path / "out",
+                    timeout_s=30.0)
+    with Client(endpoint) as client:
+        first, second = client.render_frames(state, [{"camera": "navcam", "output": "dn", "exposure_s": 0.1, "seed": 7},
+                                                     {"camera": "byte", "roi": [10, 12, 37, 29]}])
+    assert [field.strip() for field in said[1].split("|")][1:3] == ["seed 7 late 1", "seed 0 late 0"]
+    expected = [f"{k} {warning['code']}: {warning['message'][:255]}" for k, frame in enumerate((first, second))
+                for warning in frame.header["warnings"] if warning["code"] != "tolerance"]
+    assert expected and all(text in said[1] for text in expected), (said[1], expected)
+
+
 def test_the_example_for_42_gives_pythons_pixels(build, live):
     """Its quaternion is scalar last and turns frames; of a state that is refused there is no picture."""
     endpoint, (_, port) = live
@@ -335,7 +351,9 @@ def mex_run(build, arrays):
 def test_the_mex_function_keeps_each_array_under_its_frame_and_name(build):
     arrays = [("image", "uint16", [2, 3], 0, bytes([1] * 12)), ("r_body", "float32", [2, 3, 3], 0, bytes([2] * 72)),
               ("image", "uint8", [1, 1], 1, bytes([9]))]
-    assert mex_run(build, arrays) == "frames | image 6 12 | r_body 18 144 | image 1 9"
+    said = mex_run(build, arrays)
+    assert re.sub(r" \| header_bytes \d+ \d+", "", said) == "frames | image 6 12 | r_body 18 144 | image 1 9"
+    assert said.count("header_bytes") == 2
 
 
 @pytest.mark.parametrize("names", [("image", "image"), ("",), ("1st",), ("a b",), ("_x",), ("%n%s",),

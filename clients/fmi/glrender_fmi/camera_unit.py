@@ -21,6 +21,7 @@ PARAMETERS = {
     "target_radius_m": (0.0, "radius of the target, for its range [m]; 0: the farthest vertex of the server's shape"),
     "exposure_s": (0.0, "exposure [s]; 0: the camera's own"),
     "seed": (0, "seed of the noise, 0 to 2^32 - 1; steps of two seeds share none"),
+    "deadline_s": (0.0, "time [s] after which nothing more of a frame is begun; 0: none"),
     "timeout_s": (5.0, "how long a frame may take [s]; it is asked for twice"),
 }
 OUTPUTS = {
@@ -120,9 +121,10 @@ class CameraUnit:
         self.is_valid = False
         if self._client is None:
             self._connect()
-        exposure_s = self.parameters["exposure_s"]
+        exposure_s, deadline_s = self.parameters["exposure_s"], self.parameters["deadline_s"]
         reply = self._client.render(self._state(t_s), self._camera["name"], output="dn",
                                     exposure_s=None if exposure_s == 0.0 else exposure_s,
+                                    deadline_s=None if deadline_s == 0.0 else deadline_s,
                                     seed=self.parameters["seed"] * _FRAMES_A_SEED + self._n_frames)
         self._n_frames += 1
         dn = np.asarray(reply.pixels, float)

@@ -139,7 +139,7 @@ class Client:
                max_error: float | Mapping[str, float] | None = None, samples: int | None = None,
                products: Sequence[str] = (), roi: Sequence[int] | None = None, order: str = "C",
                backend: str | None = None, background: bool = False,
-               faults: Sequence[Mapping[str, Any]] | None = None) -> Reply:
+               faults: Sequence[Mapping[str, Any]] | None = None, deadline_s: float | None = None) -> Reply:
         """Ask for one frame.
 
         Parameters
@@ -174,6 +174,9 @@ class Client:
             Whether the frame is drawn only while nobody else waits, and in 0.5 % of the time while others ask.
         faults : sequence of mappings, optional
             With "dn": ``{"kind": "lost_lines", "place": "limb"}``, ..., instead of the camera's own; empty for none.
+        deadline_s : float [s], optional
+            After this time nothing more of the frame is begun: it is the best so far, and its predicted error holds.
+            The reply's `is_late` says whether the frame took longer; the same request may give other bytes.
 
         Raises
         ------
@@ -183,7 +186,8 @@ class Client:
         """
         return self._ask_frames(render_fields(
             state, camera, output=output, exposure_s=exposure_s, seed=seed, max_error=max_error, samples=samples,
-            products=products, roi=roi, order=order, backend=backend, background=background, faults=faults))
+            products=products, roi=roi, order=order, backend=backend, background=background, faults=faults,
+            deadline_s=deadline_s))
 
     def watch(self, after: int = 0, *, of_client: str | None = None, camera: str | None = None,
               password: str = "") -> Watched:

@@ -149,11 +149,12 @@ class Packer:
 def frame_fields(camera: str | None = None, *, output: str = "irradiance", exposure_s: float | str | None = None,
                  seed: int | None = None, max_error: float | Mapping[str, float] | None = None,
                  samples: int | None = None, products: Sequence[str] = (), roi: Sequence[int] | None = None,
-                 faults: Sequence[Mapping[str, Any]] | None = None) -> dict[str, Any]:
+                 faults: Sequence[Mapping[str, Any]] | None = None,
+                 deadline_s: float | None = None) -> dict[str, Any]:
     """The fields of one frame; the arguments are those of `Client.render`."""
     optional = {"camera": camera, "exposure_s": exposure_s, "seed": seed, "max_error": max_error, "samples": samples,
                 "products": list(products) or None, "roi": None if roi is None else list(roi),
-                "faults": None if faults is None else list(faults)}
+                "faults": None if faults is None else list(faults), "deadline_s": deadline_s}
     return {"output": output, **{name: value for name, value in optional.items() if value is not None}}
 
 

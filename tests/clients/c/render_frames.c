@@ -24,6 +24,7 @@ int main(int argc, char **argv) {
     frames[0].products = products;
     frames[0].n_products = 1;
     frames[0].scene = getenv("GLR_SCENE");
+    frames[0].deadline_s = getenv("GLR_FACTS") ? 1e-6 : 0.0;
     for (k = 0; k < 4; k++)
         frames[1].roi[k] = (uint32_t)atoi(argv[7 + k]);
     client = glr_open(argv[1], atoi(argv[2]), atof(argv[3]));
@@ -44,6 +45,15 @@ int main(int argc, char **argv) {
                    (unsigned)image->width, (unsigned)image->depth, image->dtype, sum);
         }
         printf("\n");
+        if (getenv("GLR_FACTS")) {
+            printf("header of %u bytes", (unsigned)reply.n_header_bytes);
+            for (i = 0; i < 2; i++)
+                printf(" | seed %llu late %d", (unsigned long long)reply.seeds[i], reply.is_late[i]);
+            for (i = 0; i < reply.n_warnings; i++)
+                printf(" | %u %s: %s", (unsigned)reply.warnings[i].frame, reply.warnings[i].code,
+                       reply.warnings[i].message);
+            printf("\n");
+        }
     }
     out = fopen(argv[11], "wb");
     for (i = 0; out && i < reply.n_images; i++)

@@ -26,6 +26,7 @@ for k = 0:1
   reply = client.render(state, 'camera', 'navcam', 'output', 'dn');
   check(reply.header.seed == k, 'noise moves: frames without a seed are counted');
 end
+check(client.render(state, 'camera', 'bare', 'deadline_s', 1e-6).header.is_late, 'a deadline');
 reply = client.render_frames(state, {struct('camera', 'byte', 'output', 'dn'), struct('camera', 'bare')}){1};
 check(reply.header.seed == 2, 'counted in several frames too');
 reply = client.render(state, 'camera', 'byte', 'output', 'dn', 'seed', 3, 'products', 'range');

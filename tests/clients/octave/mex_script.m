@@ -8,7 +8,7 @@ handle = glrender_mex('open', host, port, 30);
 % Every class of the protocol; Python compares the files.
 products = {'range', 'body_id', 'facet_id', 'incidence', 'emission', 'phase', 'r_body', 'sunlit'};
 reply = glrender_mex('render', handle, state, struct('camera', 'navcam', 'products', {products}));
-check(isequal(fieldnames(reply).', [{'image'}, products]), 'names of the arrays');
+check(isequal(fieldnames(reply).', [{'image'}, products, {'header_bytes'}]), 'names of the arrays');
 check(isa(reply.image, 'single') && isequal(size(reply.image), [64 96]), 'image');
 check(isa(reply.body_id, 'int32') && isa(reply.range, 'double') && isequal(size(reply.r_body), [64 96 3]), 'classes');
 for name = fieldnames(reply).'
@@ -43,7 +43,7 @@ replies = glrender_mex('render', handle, state, frames);
 theirs = client.render_frames(state, frames);
 check(numel(replies) == 3 && isa(replies{1}.image, 'uint8'), 'three frames');
 for k = 1:3
-  for name = fieldnames(replies{k}).'
+  for name = fieldnames(rmfield(replies{k}, 'header_bytes')).'
     check(isequaln(replies{k}.(name{1}), theirs{k}.arrays.(name{1})), 'frame %d, %s', k, name{1});
   end
 end
@@ -56,7 +56,11 @@ client.close();
 
 % What is wrong, by identifier; the connection stays sound.
 render = @(varargin) glrender_mex('render', handle, state, varargin{:});
-expect_error('glrender:scene', 'frames\[0\].camera: unknown camera', @() render(struct('camera', 'wac')));
+expect_error('glrender:scene', '(^|[^.\]])camera: unknown camera', @() render(struct('camera', 'wac')));
+late = struct('camera', 'navcam', 'output', 'dn', 'exposure_s', 100, 'seed', 5, 'deadline_s', 1e-6);
+facts = glr_unpack(render(late).header_bytes);
+check(facts.seed == 5 && facts.is_late && isfield(facts, 'plan') && isfield(facts, 'stages'), 'facts of a reply');
+check(any(cellfun(@(warning) strcmp(warning.code, 'saturated'), facts.warnings)), 'warnings of a reply');
 expect_error('glrender:config', 'max_error.flux: must be at least', ...
              @() render(struct('camera', 'bare', 'max_error', struct('flux', 1e-9, 'range', 0.1))));
 expect_error('glrender:config', 'roi\[2\]', @() render(struct('camera', 'bare', 'roi', [0 0 33 1])));
