@@ -40,8 +40,11 @@ SNIPPETS = [pytest.param(code, id=f"{page.relative_to(ROOT)}-{index}") for page 
 
 @pytest.mark.parametrize("code", SNIPPETS)
 def test_a_snippet_runs_alone(code, tmp_path, monkeypatch):
-    generate.three_lobes(radius_m=0.3, subdivisions=2).to_file(tmp_path / "itokawa.obj")
     monkeypatch.chdir(tmp_path)
+    if "scenario.toml" in code:
+        assert main(["init", "--scenario", "csv"]) == 0
+    else:
+        generate.three_lobes(radius_m=0.3, subdivisions=2).to_file(tmp_path / "itokawa.obj")
     with all_likely():
         exec(compile(code, "snippet", "exec", dont_inherit=True), {})
 
