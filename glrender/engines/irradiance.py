@@ -143,8 +143,7 @@ class IrradiancePass:
             if not math.isfinite(best.error):
                 continue
             # Where areas are known and rays have settled them, rays alone are no better.
-            is_done = (window.engine == "coverage" and window.target == "region" and not window.by_centroids
-                       and math.isfinite(error))
+            is_done = window.engine == "coverage" and not window.by_centroids
             if error <= window.budget.tolerance or is_done or time.monotonic() > deadline:
                 break
         return best
@@ -180,7 +179,7 @@ class IrradiancePass:
         budget = window.budget.after(window.modelling_error)
         made = draw(window.bodies, list(frame.views), ImageCells(frame.camera, window.bounds_px, window.grid), budget)
         clock.lap("surface")
-        if made.squared_of_areas is None or window.target != "region" or time.monotonic() > deadline:
+        if made.squared_of_areas is None or time.monotonic() > deadline:
             return _made_by_areas(window, made)
         done = self._settled(group, window, frame, made)
         if made.softer is not None and done.error > window.budget.tolerance and time.monotonic() < deadline:

@@ -18,12 +18,12 @@ from glrender_camera import PinholeCamera
 
 from ..view.regions import Group
 from ..view.view import BodyView
-from .error_budget import CELL_SHARE, PENUMBRA_SHARE, SAMPLES_SHARE, Budget
+from .error_budget import PENUMBRA_SHARE, SAMPLES_SHARE, Budget
 from .error_model import CRESCENT_RAD, SMOOTH_PER_RAD, facets_per_px, parallel_error, ray_rounding_error
 from .plan import CENTROIDS, ONE_DIRECTION, SLIVERS, UNEVEN, BodyPlan, Target, WindowPlan
 from .request import MAX_SAMPLES, Request
 from .seen import Seen
-from .small_body_grid import CELL_PX, MAX_RAYS_ACROSS, cell_error, cell_size, samples_across, sampling_errors
+from .small_body_grid import CELL_PX, MAX_RAYS_ACROSS, samples_across, sampling_errors
 
 MOST_FACETS_PER_PX = 300.0
 """Facets that face Sun and camera, a pixel, from which rays are cheaper than coverage, by the cells of
@@ -42,10 +42,8 @@ _SMALL_PX = 4.0
 _FLUX_PX = 32.0
 # Widest of a crescent apart over a full disc apart [1]: its own grid has only so many samples.
 _MOST_LARGER = 4.0
-# Error of cells of several bodies over that of one [1]: pairs with a gap between them (test_small_bodies.py).
-_SEVERAL_CELLS = 2.7
-# Cells across a small body's own grid, at most.
-_MOST_CELLS = 2048
+# Cells across a small body's own grid, at least and at most.
+_CELLS_ACROSS, _MOST_CELLS = 16.0, 2048.0
 # First samples along a pixel's side; and of narrow crescents and eclipses, whose light, or its loss, is in few pixels.
 _FIRST_SAMPLES = 2
 _MORE_SAMPLES = 4
@@ -188,6 +186,18 @@ class _Part:
         sides = (bounds[2] - bounds[0], bounds[3] - bounds[1])
         return {"samples": 0, "bounds_px": bounds, "grid": tuple(max(math.ceil(per_px * side), 8) for side in sides)}
 
+    def own_cells(self) -> dict[str, Any]:
+        """Bounds [px] and grid of a small body's own cells, each of which is within one pixel."""
+        # Smaller ones are points to float64.
+        size_px = max(self.group.size_px, 1e-8)
+        per_px = 2.0 ** min(math.floor(math.log2(_MOST_CELLS / size_px)),
+                            math.ceil(math.log2(max(1.0 / CELL_PX, _CELLS_ACROSS / size_px))))
+        # Powers of two: edges of cells at those of pixels have no rounding.
+        x0, y0, x1, y1 = ((edge + 0.5) * per_px for edge in self.group.outline)
+        first, last = (math.floor(x0), math.floor(y0)), (math.floor(x1) + 1, math.floor(y1) + 1)
+        return {"samples": 0, "bounds_px": tuple(edge / per_px - 0.5 for edge in first + last),
+                "grid": (last[0] - first[0], last[1] - first[1])}
+
     def window(self, engine: str, budget: Budget, modelled: Mapping[str, float], **fields: Any) -> WindowPlan:
         """A window with the errors that all have: one direction to the Sun, which no PSF averages; rays' rounding."""
         always = {ONE_DIRECTION: max(parallel_error(body.view, body.traits) for body in self.bodies)
@@ -243,27 +253,18 @@ def _coverage(part: _Part) -> list[WindowPlan]:
     """By exact coverage: by centroids first where that may do, then clipped; none where it cannot draw the bodies."""
     group, bodies, request = part.group, part.bodies, part.request
     budget = request.budget(group, "coverage")
-    tolerance = budget.tolerance
     if group.outline is None or any(not math.isfinite(body.traits.facet_m) or body.detail_layers for body in bodies):
         return []
     is_smooth = request.camera.lens_map is None and max(
         body.traits.view_slope(body.view.phase_rad) for body in bodies) <= SMOOTH_PER_RAD
-    has_planes = is_smooth and part.target == "region" and not request.has_derivatives and max(
+    has_planes = is_smooth and not request.has_derivatives and max(
         _uneven_px(body, request.camera) for body in bodies) > _MOST_UNEVEN_PX
-    modelled = {UNEVEN: max(_unevenness(body, request.camera, has_planes) for body in bodies)}
-    where = part.whole(1)
-    if part.target != "region":
-        several = _SEVERAL_CELLS if len(bodies) > 1 else 1.0
-        cell_px = CELL_PX
-        if part.target == "own_grid":
-            cell_px = min(cell_px, cell_size(CELL_SHARE * tolerance / several, group.phase_rad))
-        where = part.own_grid(1.0 / max(cell_px, group.size_px / _MOST_CELLS))
-        if part.target == "own_grid":
-            (x0, y0, x1, y1), grid = where["bounds_px"], where["grid"]
-            modelled["cells"] = several * cell_error(max((x1 - x0) / grid[0], (y1 - y0) / grid[1]), group.phase_rad)
     # A few points of the Sun's disc do not tell how much of it is left of a body within another's penumbra.
-    if modelled.get("cells", 0.0) > PENUMBRA_SHARE * tolerance or part.is_in_penumbra(budget):
+    if part.is_in_penumbra(budget):
         return []
+    where = part.whole(1) if part.target == "region" else part.own_cells()
+    cell_px = (where["bounds_px"][2] - where["bounds_px"][0]) / where["grid"][0]
+    modelled = {UNEVEN: max(_unevenness(body, request.camera, has_planes, cell_px) for body in bodies)}
     # Light falls in slivers far smaller than facets: what none of their corners sees is lost.
     below_rad = min((math.pi - body.view.phase_rad for body in bodies if not body.traits.is_convex), default=math.inf)
     # No point spread function averages what the flux loses.
@@ -289,11 +290,11 @@ def _are_coarse(windows: Sequence[WindowPlan]) -> bool:
                for each in windows[-1:])
 
 
-def _unevenness(body: Seen, camera: PinholeCamera, has_planes: bool) -> float:
-    """RMS variation [1] of the light of a facet, unless it is drawn as a plane, and of a pixel, about their middles."""
+def _unevenness(body: Seen, camera: PinholeCamera, has_planes: bool, cell_px: float) -> float:
+    """RMS variation [1] of the light of a facet, unless it is drawn as a plane, and of a cell, about their middles."""
     pixel = (3.0 * _off_axis(body.view, camera) / camera.focal_length_px if camera.lens_map is None
              else camera.lens_map.unevenness_per_px(body.view.bounds_px))
-    return math.hypot(0.0 if has_planes else _UNEVEN_FACET * _change(body), _UNEVEN_PIXEL * pixel)
+    return math.hypot(0.0 if has_planes else _UNEVEN_FACET * _change(body), _UNEVEN_PIXEL * cell_px * pixel)
 
 
 def _uneven_px(body: Seen, camera: PinholeCamera) -> float:

@@ -17,7 +17,7 @@ PENUMBRA_SHARE = 0.7
 SHADOW_MAP_SHARE = 0.4
 """Texels of shadow maps at the edges of shadows: samples are left 0.92 of the tolerance."""
 CELL_SHARE = 0.3
-"""Cells of a small body's own grid, which are cheap, or of a law's table: what is left is 0.95 of the tolerance."""
+"""Cells of a law's table: what is left is 0.95 of the tolerance."""
 SAMPLES_SHARE = 0.9
 """Samples of a small body's own grid, which is drawn once: 0.44 is left for shadow maps."""
 LEAST_LEFT = 0.3

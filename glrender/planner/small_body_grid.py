@@ -28,8 +28,6 @@ _DISC_NOISE = 0.5
 # The same data: errors of the flux, of pixels and of the centre of light [px], over that.
 _FLUX = 2.8
 _PIXELS = 1.2
-# Error of cells [1/px2] that are shared among pixels by area: 120 attitudes of four shapes at 1 to 4 px.
-_CELL_ERROR = 2.2
 
 
 def sampling_errors(view: BodyView, traits: BodyTraits, n_across: float, penumbra: float = 0.0
@@ -56,13 +54,3 @@ def samples_across(view: BodyView, traits: BodyTraits, flux_error: float, pixel_
         if flux <= flux_error and pixels <= pixel_error:
             return n_across
     return SAMPLES_ACROSS[-1]
-
-
-def cell_error(cell_px: float, phase_rad: float) -> float:
-    """RMS error [1] of a body of few pixels whose cells of so many pixels' width are shared among pixels by area."""
-    return _CELL_ERROR * cell_px**2 * lit_share(phase_rad) ** -_LIT_POWER
-
-
-def cell_size(error: float, phase_rad: float) -> float:
-    """Width [px] of cells that have such an error: the inverse of `cell_error`."""
-    return math.sqrt(error / _CELL_ERROR * lit_share(phase_rad) ** _LIT_POWER)

@@ -137,30 +137,32 @@ def test_large_regions_begin_with_fewer_samples():
 
 
 def test_a_small_body_has_a_grid_of_its_own():
-    """Of samples by rays and OpenGL, of cells by coverage: as fine as its tolerance asks for."""
+    """Of samples by rays, as fine as its tolerance asks for; of cells by coverage, which errs by none."""
     grids = []
     for tolerance in (0.05, 0.005):
         options, = ways([view(size_px=3.0)], traits(n_facets=9_000), tolerance)
         assert [option.engine for option in options] == ["coverage", "rays"]
         assert all(option.target == "own_grid" for option in options) and options[0].roi == (100, 80, 104, 83)
-        x0, _, x1, _ = options[0].bounds_px
-        assert (x0, x1) == pytest.approx((100.0 - 0.06, 103.0 + 0.06))
-        assert (x1 - x0) / options[0].grid[0] <= CELL_PX * (1.0 + 1e-9)
         grids.append([max(option.grid) for option in options])
-    assert all(fine > coarse for coarse, fine in zip(*grids, strict=True))
+    (coarse, few), (fine, many) = grids
+    assert coarse == fine and many > few
     # In front of another body, occlusion needs the shared grid.
     options, = ways([view("small", size_px=2.0), view("large", size_px=200.0)])
     assert all(option.target == "region" for option in options)
 
 
-@pytest.mark.parametrize("size_px", [0.001, 0.3, 1.0, 3.9])
-@pytest.mark.parametrize("phase_deg", [20.0, 90.0, 120.0])
-def test_cells_leave_coverage_most_of_the_tolerance(size_px, phase_deg):
-    """Or coverage is not planned: it would be drawn for nothing."""
-    planned = [options[0].modelled["cells"] / tolerance for tolerance in (1e-4, 1e-3, 0.01, 0.1)
-               for options in ways([view(size_px=size_px, phase_deg=phase_deg)], tolerance=tolerance)
-               if options[0].engine == "coverage"]
-    assert len(planned) >= 2 and max(planned) <= 0.9
+@pytest.mark.parametrize("size_px", [1e-12, 0.001, 0.3, 1.0, 3.9, 20.0])
+@pytest.mark.parametrize("place_px", [0.0, 0.5, 99.7])
+def test_no_cell_is_in_two_pixels(size_px, place_px):
+    """They have the outline within, and are 0.28 px wide at most, of small bodies at most a sixteenth of the size."""
+    box = place_px + np.array([0.0, 0.0, size_px, 0.35 * size_px])
+    options, = ways([view(size_px=size_px, phase_deg=20.0, bounds_px=box)], use=ImageUse(apart_px=24.0))
+    bounds, grid = np.reshape(options[0].bounds_px, (2, 2)), np.array(options[0].grid)
+    assert (bounds[0] <= box[:2]).all() and (bounds[1] > box[2:]).all()
+    (across_px, down_px), = [(bounds[1] - bounds[0]) / grid]
+    assert across_px == down_px <= min(CELL_PX, max(size_px / 16.0, 1e-9))
+    # In float64 without rounding, the edges of pixels being at halves.
+    assert ((bounds + 0.5) % across_px == 0.0).all() and (1.0 / across_px) % 1.0 == 0.0
 
 
 def test_a_body_that_is_kept_apart_has_a_grid_of_its_own_up_to_that_size():

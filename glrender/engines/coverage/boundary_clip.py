@@ -79,6 +79,17 @@ class FacetCutter:
         return FacetParts.joined([FacetParts(corner[three], triangles.facet, 0.25 * triangles.area_px)
                                   for three in ([0, 3, 5], [3, 1, 4], [5, 4, 2], [4, 5, 3])])
 
+    def halves(self, triangles: FacetParts) -> FacetParts:
+        """Each divided in two by the midpoint of its longest side."""
+        points, every = self.points, np.arange(len(triangles.facet))
+        longest = np.argmax(triangles.sides_squared(points.r_m), axis=0)
+        begin, end, beyond = (triangles.corner[(longest + j) % 3, every] for j in range(3))
+        ends, first, side = facet_loops.distinct_pairs(begin, end)
+        r_m = 0.5 * (points.r_m.take(ends[0], axis=1) + points.r_m.take(ends[1], axis=1))
+        middle = points.add(r_m, *self._told(r_m, triangles.facet.take(first))).take(side)
+        return FacetParts.joined([FacetParts(np.stack(corner), triangles.facet, 0.5 * triangles.area_px)
+                                  for corner in ([begin, middle, beyond], [middle, end, beyond])])
+
     def cut_off(self, triangles: FacetParts, n_bisections: int) -> list[Polygons]:
         """The lit rest of triangles that are cut between the corner that differs and the two others.
 

@@ -11,14 +11,16 @@ from dataclasses import replace
 import numpy as np
 
 from ...planner.error_budget import MISSED_SHARE, UNDIVIDED_SHARE
+from ..rays.mesh import dot
 from . import sunlit_error
+from .boundary_clip import FacetCutter
 from .corner_visibility import FEW, CornerVisibility
 from .sub_triangles import FacetParts
 from .sunlit_areas import SunlitAreas
 from .sunlit_error import CLIPPED_ERROR, pixels_squared
 
-# Bisections by which ends of cuts are found.
-_BISECTIONS = 2
+# Bisections by which ends of cuts are found: of many triangles, and of few, whose errors do not cancel.
+_BISECTIONS, _BISECTIONS_OF_FEW = 2, 6
 # The part of the error of boundaries between corners that agree that is left where the facets next to boundary ones are
 # divided too, and that each division more leaves of that [1], the most divisions, and the most parts: 12 frames at
 # tolerances of 0.004 to 0.01, compared with rays; 1 s.
@@ -32,6 +34,9 @@ _LARGE_OF_MANY = 20.0
 _MOST_DIVISIONS = 6
 # Triangles that are too many to be divided again.
 _MANY = 120_000
+# Length of a part over its facet's width [1] up to which corners show what is between them: two layers of ten bars,
+# 1 : 500 to 1 : 50.
+_LONG = 1.5
 
 
 def find_areas(seen: CornerVisibility, most_squared: float, flux_weight: float) -> SunlitAreas:
@@ -62,7 +67,8 @@ def find_areas(seen: CornerVisibility, most_squared: float, flux_weight: float) 
             lit.append(done)
         done, triangles, error = _divide(seen, triangles, missed + between, most_squared)
         lit, bias = lit + done, 0.0
-    polygons = [(each.corner, each.facet) for each in lit] + seen.cutter.cut_off(triangles, _BISECTIONS)
+    n_bisections = _BISECTIONS if len(triangles.facet) > FEW else _BISECTIONS_OF_FEW
+    polygons = [(each.corner, each.facet) for each in lit] + seen.cutter.cut_off(triangles, n_bisections)
     uniform, _ = seen.cutter.sorted(seen.uniform)
     return SunlitAreas(seen=seen, whole=whole, polygons=[*polygons, (uniform.corner, uniform.facet)],
                        clipped=triangles, large=large, missed=missed, behind=behind, squared=error, bias=bias)
@@ -120,7 +126,7 @@ def _divide(seen: CornerVisibility, triangles: FacetParts, missed: float, most_s
 def _divide_large(seen: CornerVisibility, most_squared: float) -> tuple[CornerVisibility, FacetParts]:
     """Divide facets that have more light than may be missed, few facets sooner: parts find light between corners.
 
-    And the parts whose corners agree that would have to be divided further.
+    Long ones of few are halved before. And the parts whose corners agree that would have to be divided further.
     """
     cutter = seen.cutter
     if cutter.is_free:
@@ -138,6 +144,8 @@ def _divide_large(seen: CornerVisibility, most_squared: float) -> tuple[CornerVi
     large = np.flatnonzero(are_large(seen.facing, area_px, seen.brightest, least))
     facet = seen.facing[large]
     large = large[are_large(facet, area_px[large], seen.radiance.of(facet), least)]
+    long, width_m = _long(seen, area_px, least * most_squared)
+    large = np.union1d(large, long)
     if not len(large):
         return seen, FacetParts.none()
     parts = seen.parts_of(large)
@@ -145,24 +153,68 @@ def _divide_large(seen: CornerVisibility, most_squared: float) -> tuple[CornerVi
     is_large[parts.facet] = True
     boundary = seen.boundary.at(np.flatnonzero(~is_large.take(seen.boundary.facet)))
     small = []
-    for _ in range(_MOST_DIVISIONS):
-        if not 0 < len(parts.facet) <= _MANY:
-            break
-        parts = cutter.quarters(parts)
+    if len(long):
+        parts = _halved(cutter, parts, width_m)
+    for division in range(_MOST_DIVISIONS + 1):
         # A boundary that passes between corners that agree goes on in a neighbouring part whose corners differ, but
         # for those that another body, or a far part, makes in the middle of a facet.
         is_beside = np.zeros(cutter.points.r_m.shape[1], bool)
         for each in (parts, boundary):
             is_beside[each.corner[:, cutter.are_mixed(each)]] = True
         light = parts.facet, parts.area_px, seen.radiance.of(parts.facet)
-        goes_on = are_large(*light, least) & (
-            is_beside.take(parts.corner).any(axis=0) | are_large(*light, always))
+        goes_on, is_first = is_beside.take(parts.corner).any(axis=0), division == 0
+        goes_on = are_large(*light, least) & (is_first | goes_on | are_large(*light, always)) | (
+            is_first & goes_on & np.isfinite(width_m.take(parts.facet)))
         small.append(parts.at(np.flatnonzero(~goes_on)))
         parts = parts.at(np.flatnonzero(goes_on))
+        if division == _MOST_DIVISIONS or not 0 < len(parts.facet) <= _MANY:
+            break
+        parts = cutter.quarters(parts)
     small = FacetParts.joined([*small, parts])
     is_boundary = cutter.are_mixed(small)
     seen = replace(seen, whole=seen.whole[~is_large.take(seen.whole)], facing=np.delete(seen.facing, large),
                    corner=np.delete(seen.corner, large, axis=-1),
                    boundary=FacetParts.joined([boundary, small.at(np.flatnonzero(is_boundary))]),
                    uniform=small.at(np.flatnonzero(~is_boundary)))
-    return seen, parts.at(np.flatnonzero(~cutter.are_mixed(parts)))
+    left = [parts, small.at(np.flatnonzero(_are_long(cutter, small, width_m)))] if len(long) else [parts]
+    left = FacetParts.joined(left)
+    return seen, left.at(np.flatnonzero(~cutter.are_mixed(left)))
+
+
+def _long(seen: CornerVisibility, area_px: np.ndarray, least_squared: float) -> tuple[np.ndarray, np.ndarray]:
+    """Facets of few that are much longer than wide, with more squared light than they may miss, by their numbers.
+
+    And their widths [m] among those of the body's facets (F,), which are infinite. Bars of a truss hide and shade each
+    other between corners that agree.
+    """
+    facets, width_m = seen.facets, np.full(seen.facets.n_facets, np.inf)
+    if len(seen.facing) > FEW:
+        return np.zeros(0, np.intp), width_m
+    a, b, c = facets.corner_m(seen.facing)
+    across = np.cross(b - a, c - a, axis=0)
+    length_squared = FacetParts(facets.corners.take(seen.facing, axis=1), seen.facing, area_px).sides_squared(
+        facets.vertices_m).max(axis=0)
+    long = np.flatnonzero(length_squared > 2.0 * _LONG * np.sqrt(dot(across, across)))
+    squared = pixels_squared(seen.radiance.of(seen.facing.take(long)), area_px.take(long))
+    long = long[squared * len(long) > least_squared]
+    width_m[seen.facing.take(long)] = np.sqrt(dot(across, across) / length_squared).take(long)
+    return long, width_m
+
+
+def _are_long(cutter: FacetCutter, parts: FacetParts, width_m: np.ndarray) -> np.ndarray:
+    """Whether parts (N,) are longer than their facets, of widths (F,) [m], are wide."""
+    return parts.sides_squared(cutter.points.r_m).max(axis=0) > (_LONG * width_m.take(parts.facet)) ** 2
+
+
+def _halved(cutter: FacetCutter, parts: FacetParts, width_m: np.ndarray) -> FacetParts:
+    """Parts, divided across until none is longer than its facet is wide, or they are too many."""
+    done, n_parts = [], len(parts.facet)
+    # Halves are half as many as quarters.
+    while n_parts <= 2 * _MANY:
+        is_long = _are_long(cutter, parts, width_m)
+        if not is_long.any():
+            break
+        done.append(parts.at(np.flatnonzero(~is_long)))
+        parts = cutter.halves(parts.at(np.flatnonzero(is_long)))
+        n_parts += len(parts.facet) // 2
+    return FacetParts.joined([*done, parts])

@@ -68,6 +68,11 @@ class FacetParts:
         """Parts of given numbers (M,)."""
         return FacetParts(*(getattr(self, field.name).take(chosen, axis=-1) for field in fields(self)))
 
+    def sides_squared(self, r_m: np.ndarray) -> np.ndarray:
+        """Squared lengths (3, N) [m2] of the sides from each corner to the next, between points (3, P) [m]."""
+        place = r_m.take(self.corner, axis=1)
+        return np.square(np.roll(place, -1, axis=1) - place).sum(axis=0)
+
     @classmethod
     def none(cls) -> FacetParts:
         """No part."""

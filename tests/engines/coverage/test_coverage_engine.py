@@ -218,9 +218,9 @@ def test_few_facets_with_most_of_the_error_are_not_hidden_by_many_with_little(ph
     assert views.relative_rms(image, traced(camera, roi, rays, 13)) <= told <= budget
 
 
-@pytest.mark.parametrize("subdivisions, least, most", [(3, 0.13, 0.26), (5, 0.25, 0.45)])
+@pytest.mark.parametrize("subdivisions, least, most", [(3, 0.03, 0.1), (5, 0.25, 0.45)])
 def test_facets_that_are_clipped_as_they_are_err_as_is_predicted_of_few_and_of_many(subdivisions, least, most):
-    """Six bodies of 1,300 and of 20,000 facets beside rays: 0.18 and 0.33 of it, as of few facets less is known."""
+    """Six bodies of 1,300 and of 20,000 facets, against rays: 0.05 and 0.33 of it, few being bisected further."""
     ratios = []
     for seed, phase_deg in ((3, 60.0), (4, 75.0), (5, 90.0), (6, 105.0), (7, 50.0), (8, 120.0)):
         shape = (generate.contact_binary(radius_m=100.0, seed=seed, subdivisions=subdivisions) if seed % 2 else
