@@ -17,7 +17,7 @@ from fuzz_messages import COSTLY, GOLDEN, SCENE, WRONG, Mutator, frame
 from glrender import GlrenderError, Scene, Shape, generate
 from glrender.emission.grid_files import Grid, write_grid
 from glrender.emission.tables import _facet_table
-from glrender.scene.body import read_texture
+from glrender.scene.shape.textures import read_texture
 from glrender_server.codec import unpack_request
 from glrender_server.framing import Decoder
 

@@ -23,6 +23,7 @@ from .engines.derivatives.region_derivatives import derivatives_of
 from .engines.emissions import Emissions
 from .engines.image import Image, checked_products
 from .engines.irradiance import IrradiancePass
+from .engines.parts import Parts
 from .engines.plugin_checks import try_twin
 from .engines.prepared_body import PreparedBody
 from .engines.raster.gl.context import Context
@@ -72,7 +73,8 @@ class Renderer:
     def __init__(self, scene: Scene, backend: str = "auto", device_index: int | None = None):
         if not isinstance(scene, Scene):
             raise ConfigError("scene", "must be a Scene", scene)
-        self._own, self.scene = OwnProcess(), scene
+        self._own, self.scene, self._parts = OwnProcess(), scene, Parts(scene)
+        scene = self._parts.drawn
         with ExitStack() as stack:
             self._context = stack.enter_context(Context(backend, device_index))
             meshes = [stack.enter_context(body_mesh(self._context, body)) for body in scene.bodies]
@@ -119,7 +121,8 @@ class Renderer:
     def info(self) -> dict[str, Any]:
         """The OpenGL that was found: backend, gl_renderer, gl_version, limits; the engines; the memory of each body."""
         return {**self._context.info, "engines": self._engines,
-                "memory_bytes": {name: body.memory_bytes for name, body in self._bodies.items()}}
+                "memory_bytes": self._parts.memory_bytes({name: body.memory_bytes
+                                                          for name, body in self._bodies.items()})}
 
     @property
     def draws_lenses(self) -> bool:
@@ -175,15 +178,17 @@ class Renderer:
         clock, wanted, deadline = Clock(), checked_products(products), _deadline(deadline_s)
         names = checked_derivatives(derivatives, self.scene)
         request = self._request(camera, max_error, samples, engine, use, bool(names))
-        traits = [body.traits for body in self._bodies.values()]
-        seen = seen_bodies(state, request.camera, self.scene.hulls, traits, request.has_sun_disc)
-        if names:
-            check_derivable(names, self.scene, request, seen)
-        plan, irradiance = plan_frame(seen, request), _blank(request.camera, out)
-        clock.lap("plan")
-        frame = self._frame(plan)
-        clock.lap("shadow")
-        drawn = self._irradiance.draw(plan, frame, irradiance, clock, deadline)
+        with self._parts.by_bodies():
+            given, state = state, self._parts.state(state, request.camera)
+            traits = [body.traits for body in self._bodies.values()]
+            seen = seen_bodies(state, request.camera, self._parts.drawn.hulls, traits, request.has_sun_disc)
+            if names:
+                check_derivable(names, self.scene, request, seen)
+            plan, irradiance = plan_frame(seen, request), _blank(request.camera, out)
+            clock.lap("plan")
+            frame = self._frame(plan)
+            clock.lap("shadow")
+            drawn = self._irradiance.draw(plan, frame, irradiance, clock, deadline)
         made = account(plan, drawn, self._left_out)
         if self._emissions:
             made = self._emissions.add(irradiance, state, frame, made)
@@ -195,11 +200,13 @@ class Renderer:
             clock.lap("derivatives")
         arrays = {}
         if wanted:
-            arrays = self._drawn_products(wanted, plan, frame, drawn)
+            arrays = self._parts.products(wanted, lambda names: self._drawn_products(names, plan, frame, drawn))
             clock.lap("products")
-        made = replace(made, milliseconds=sum(clock.laps_ms.values()), memory_bytes=self._added_bytes(frame))
-        return Image(irradiance_W_m2=irradiance, products=arrays, small_bodies=drawn.small_bodies, plan=made,
-                     jacobian=jacobian, timings_ms=clock.laps_ms, request=(self.scene, state, request.camera))
+        made = replace(self._parts.plan(made), milliseconds=sum(clock.laps_ms.values()),
+                       memory_bytes=self._added_bytes(frame))
+        return Image(irradiance_W_m2=irradiance, products=arrays, plan=made, jacobian=jacobian, timings_ms=clock.laps_ms,
+                     small_bodies=self._parts.small_bodies(drawn.small_bodies),
+                     request=(self.scene, given, request.camera))
 
     def _added_bytes(self, frame: Frame) -> dict[str, int]:
         """Memory [byte] that a frame takes beyond what opening took."""

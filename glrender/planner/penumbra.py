@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..base.rotations import sun_from_body
+from ..scene.body import owner
 from ..scene.shape.convex_hull import Hull
 from ..view.sun_disc import on_disc
 from ..view.view import BodyView
@@ -88,7 +89,8 @@ def penumbra_of(view: BodyView, cast: Sequence[tuple[str, np.ndarray]], hulls: M
     """
     if not sun_radius_rad > 0.0:
         return Penumbra()
-    own, own_px = (0.0, 0.0) if hulls[view.name].is_convex else _own(view)
+    is_whole = not any(owner(name) == owner(view.name) for name, _ in cast)
+    own, own_px = (0.0, 0.0) if hulls[view.name].is_convex and is_whole else _own(view)
     if not cast:
         return Penumbra(hard_error=own, own_px=own_px)
     error, cast_px = _cast(view, cast, hulls, sun_radius_rad)

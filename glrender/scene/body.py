@@ -10,20 +10,27 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from glrender_camera.projection import MAX_IMAGE_PX
-from glrender_camera.validate import name_of, positive
+from glrender_camera.validate import did_you_mean, name_of, positive
 
-from ..base.errors import ConfigError, ShapeError, error_path
+from ..base.errors import ConfigError, error_path
 from ..brdf import Law
 from .detail.config import Detail
 from .detail.height_field import Relief
 from .shape.convex_hull import Hull
 from .shape.equirectangular import corner_coordinates, left_edge_of
 from .shape.shape import Shape
+from .shape.textures import read_texture, repeated
 
 NO_COORDINATES = ('of a map of longitudes and latitudes say albedo_projection = { kind = "equirectangular", '
                   'left_edge_deg = -180.0 }; else leave it out, or take a shape that has them (`vt` of an OBJ)')
 """The way out where a map has nothing to lie on."""
+PART = "\x1f"
+"""The sign between a body's name and the number of its part's material: not printable, as names are."""
+
+
+def owner(name: str) -> str:
+    """The name of the body that a body or a part belongs to."""
+    return name.partition(PART)[0]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -35,7 +42,8 @@ class Body:
     name : str
     shape : Shape
         Body-fixed, about the origin that a state's pose moves.
-    brdf : Law
+    brdf : Law, optional
+        Of all facets; where a shape's file has materials, the law of each by default.
     albedo_map : (H, W) float, optional
         Factor on the law's albedo, row 0 on top; needs a shape with texture coordinates.
     smooth_normals : bool
@@ -45,22 +53,25 @@ class Body:
     albedo_projection : mapping, optional
         ``{"kind": "equirectangular", "left_edge_deg": -180.0}`` of a map of longitudes and latitudes: the shape then
         needs no texture coordinates, and has those of its places.
+    materials : mapping of str to Law, optional
+        Laws in place of those that the file gives, by its materials' names; then that of every material. An image of
+        the file scales its material's albedo, whosever law it is. None with `brdf`.
     """
 
     name: str
     shape: Shape
-    brdf: Law
+    brdf: Law | None = None
     albedo_map: np.ndarray | None = None
     smooth_normals: bool = False
     detail: Detail | None = None
     albedo_projection: Mapping[str, Any] | None = None
+    materials: Mapping[str, Law] | None = None
 
     def __post_init__(self):
         name_of("name", self.name)
         if not isinstance(self.shape, Shape):
             raise ConfigError("shape", "must be a glrender.Shape", self.shape)
-        if not isinstance(self.brdf, Law):
-            raise ConfigError("brdf", "must be a law of glrender.brdf", self.brdf)
+        self._choose_laws()
         if not isinstance(self.smooth_normals, bool):
             raise ConfigError("smooth_normals", "must be true or false", self.smooth_normals)
         if not isinstance(self.detail, Detail | None):
@@ -87,12 +98,79 @@ class Body:
             albedo_map.setflags(write=False)
             object.__setattr__(self, "albedo_map", albedo_map)
 
+    def _choose_laws(self) -> None:
+        """Keep `brdf`, and a shape without its file's materials; or the law of each material."""
+        if self.brdf is not None:
+            if not isinstance(self.brdf, Law):
+                raise ConfigError("brdf", "must be a law of glrender.brdf", self.brdf)
+            if self.materials is not None:
+                raise ConfigError("materials", "goes without brdf, the law of all facets", self.materials,
+                                  "leave one out")
+            object.__setattr__(self, "shape", self.shape.of_one_material())
+            return
+        known, given = {each.name: each for each in self.shape.materials}, self.materials or {}
+        if not isinstance(given, Mapping):
+            raise ConfigError("materials", "must map names of materials to laws", given)
+        for name, law in given.items():
+            if name not in known:
+                raise ConfigError("materials", "must be names of the file's materials", name, " ".join((
+                    did_you_mean(name, known), f"the file has {', '.join(known) or 'none: give brdf'}")).strip())
+            if not isinstance(law, Law):
+                raise ConfigError(f"materials.{name}", "must be a law of glrender.brdf", law)
+        if not known:
+            raise ConfigError("brdf", "missing", hint="the law of a shape whose file has no materials")
+        for key in ("albedo_map", "detail"):
+            if getattr(self, key) is not None:
+                raise ConfigError(key, "goes with brdf: this body has the materials of its file", hint="give brdf too")
+        laws, notes = {}, []
+        for each in (self.shape.materials[number] for number in np.unique(self.shape.material)):
+            laws[each.name] = law = given.get(each.name, each.law)
+            with error_path(f"materials.{each.name}"):
+                if law is None:
+                    raise ConfigError("", f"missing: {each.fault}", hint="give its law, or brdf for all facets")
+                _ = each.albedo_map
+            notes += each.notes
+        object.__setattr__(self, "shape", self.shape.with_warnings(notes))
+        object.__setattr__(self, "materials", laws)
+
+    @property
+    def laws(self) -> tuple[Law, ...]:
+        """Its law, or those of its materials."""
+        return (self.brdf,) if self.materials is None else tuple(self.materials.values())
+
+    @cached_property
+    def parts(self) -> tuple[Body, ...]:
+        """Parts of one material each, which share the body's pose: itself where it has one law."""
+        if self.materials is None:
+            return (self,)
+        return tuple(self._part(number) for number in np.unique(self.shape.material))
+
+    def facets_of(self, part: Body) -> np.ndarray:
+        """Numbers (F,) of the facets of one of its parts."""
+        if part is self:
+            return np.arange(len(self.shape.facets))
+        return np.flatnonzero(self.shape.material == int(part.name.rpartition(PART)[2]))
+
+    def _part(self, number: int) -> Body:
+        material, shape = self.shape.materials[number], self.shape.part(self.shape.material == number)
+        with error_path(f"materials.{material.name}"):
+            if (image := material.albedo_map) is not None:
+                image, uv = repeated(image, shape.uv)
+                shape = replace(shape, uv=uv)
+            made = replace(self, shape=shape, brdf=self.materials[material.name], materials=None, albedo_map=image)
+        # No caller's body has such a name.
+        object.__setattr__(made, "name", f"{self.name}{PART}{number}")
+        if self.smooth_normals:
+            used = np.unique(self.shape.facets[self.shape.material == number])
+            vars(made.shape)["vertex_normals"] = self.shape.vertex_normals[used]
+        return made
+
     @classmethod
-    def from_file(cls, path: str | Path, *, name: str, brdf: Law, length_unit: str | float | None = None,
+    def from_file(cls, path: str | Path, *, name: str, brdf: Law | None = None, length_unit: str | float | None = None,
                   albedo_texture: str | Path | None = None, albedo_texture_gain: float = 1.0,
                   smooth_normals: bool = False, detail: Detail | None = None, sides: str = "file",
                   albedo_projection: Mapping[str, Any] | None = None, surface: int | None = None,
-                  inside: bool = False) -> Body:
+                  inside: bool = False, materials: Mapping[str, Law] | None = None) -> Body:
         """A body from a shape file.
 
         Parameters
@@ -111,6 +189,8 @@ class Body:
             Of a texture of longitudes and latitudes, as of `Body`.
         inside : bool
             Closed shells are rooms: `Shape.from_file`.
+        brdf, materials
+            As of `Body`; a binary glTF and an OBJ with its MTL have materials.
 
         Raises
         ------
@@ -123,7 +203,7 @@ class Body:
                 albedo_map = read_texture(Path(albedo_texture)) * np.float32(gain)
         shape = Shape.from_file(path, length_unit=length_unit, sides=sides, surface=surface, inside=inside)
         return cls(name=name, shape=shape, brdf=brdf, albedo_map=albedo_map, smooth_normals=smooth_normals,
-                   detail=detail, albedo_projection=albedo_projection)
+                   detail=detail, albedo_projection=albedo_projection, materials=materials)
 
     @cached_property
     def hull(self) -> Hull:
@@ -146,48 +226,3 @@ class Body:
             return None
         return Relief(self.detail, math.sqrt(self.shape.facet_areas_m2.mean() * 4.0 / math.sqrt(3.0)),
                       self.drawn_shape.radius_m)
-
-
-MAX_TEXTURE_PX = 2**27
-"""Most pixels of a texture: 16384 x 8192, 0.5 GiB as float32."""
-# Pillow's formats that are pictures alone: others start programs (EPS) or unpack to any size.
-_TEXTURE_FORMATS = ("PNG", "TIFF", "JPEG", "JPEG2000", "BMP", "PPM", "WEBP")
-
-
-def texture_pixels(path: Path) -> int:
-    """Number of pixels in an image file's header; 0 for one that `read_texture` refuses."""
-    from PIL import Image
-
-    Image.MAX_IMAGE_PIXELS = None
-    try:
-        with Image.open(path, formats=_TEXTURE_FORMATS) as image:
-            return image.width * image.height
-    except Exception:  # broken images raise anything
-        return 0
-
-
-def read_texture(path: Path) -> np.ndarray:
-    """(H, W) float32 [1]: an image's grey value over its full scale.
-
-    Raises
-    ------
-    ShapeError
-    """
-    from PIL import Image
-
-    # Planetary maps are large: our own limit is checked before a pixel is decoded.
-    Image.MAX_IMAGE_PIXELS = None
-    try:
-        with Image.open(path, formats=_TEXTURE_FORMATS) as image:
-            if max(image.size) > MAX_IMAGE_PX or image.width * image.height > MAX_TEXTURE_PX:
-                raise ShapeError("", f"must be a texture of at most {MAX_IMAGE_PX} pixels a side and "
-                                 f"{MAX_TEXTURE_PX} in all", image.size, "make it coarser")
-            values = np.asarray(image if image.mode in ("L", "I;16", "I", "F") else image.convert("L"))
-    except ShapeError:
-        raise
-    except Exception as error:  # broken images raise anything
-        raise ShapeError("", f"texture cannot be read: {error}", str(path)) from None
-    if values.dtype.kind == "f":
-        return values.astype(np.float32)
-    full_scale = 65535.0 if values.dtype.itemsize > 1 else 255.0
-    return values.astype(np.float32) / np.float32(full_scale)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 from pathlib import Path
 from typing import Any
@@ -94,13 +94,19 @@ class Scene:
             raise ConfigError("sun_disc", "must be true or false", self.sun_disc)
         object.__setattr__(self, "emission", tuple(self.emission))
         for index, emission in enumerate(self.emission):
-            if emission.body not in {body.name for body in self.bodies}:
-                raise ConfigError(f"emission[{index}].body", "must be a body of the scene", emission.body)
+            if emission.body not in {body.name for body in self.bodies if body.materials is None}:
+                raise ConfigError(f"emission[{index}].body", "must be a body of the scene, of one law", emission.body)
 
     @cached_property
     def hulls(self) -> dict[str, Hull]:
         """Convex hulls of the bodies, by name, in the scene's order."""
         return {body.name: body.hull for body in self.bodies}
+
+    @cached_property
+    def of_parts(self) -> Scene:
+        """The scene that engines draw: bodies of several materials are their parts; the same scene without such."""
+        parts = [part for body in self.bodies for part in body.parts]
+        return self if all(body.materials is None for body in self.bodies) else replace(self, bodies=parts)
 
     @cached_property
     def doubts(self) -> dict[str, tuple[Advice, ...]]:

@@ -15,17 +15,18 @@ from glrender_camera.validate import known_keys, one_of, positive, text
 from ..base.errors import ConfigError, PluginError, error_path
 from ..brdf import Law
 from ..brdf.presets import PRESETS
-from .body import NO_COORDINATES, Body, read_texture
+from .body import NO_COORDINATES, Body
 from .detail.config import Detail
 from .lamp import Lamp
 from .plugins.checks import blamed_on, is_foreign, named, try_law
 from .plugins.registry import emissions, laws, shape_readers
 from .shape import generate
 from .shape.shape import SIDES, Shape, file_scale
+from .shape.textures import read_texture
 from .stars import Stars
 
 _BODY_KEYS = ("name", "shape", "generated", "terrain", "length_unit", "surface", "brdf", "albedo_texture",
-              "albedo_texture_gain", "smooth_normals", "detail", "sides", "albedo_projection", "inside")
+              "albedo_texture_gain", "smooth_normals", "detail", "sides", "albedo_projection", "inside", "materials")
 # What a body's shape is made of.
 _SHAPE_KEYS = ("shape", "generated", "terrain")
 _OF_FILES = ("length_unit", "sides", "surface", "inside")
@@ -86,7 +87,7 @@ def tables(path: str, value: object) -> Sequence[Mapping[str, Any]]:
 
 def body(table: Mapping[str, Any], path: str, files: Files) -> Body:
     """A body of its table in a scene file."""
-    known_keys(path, table, _BODY_KEYS, required=("name", "brdf"))
+    known_keys(path, table, _BODY_KEYS, required=("name",))
     if sum(key in table for key in _SHAPE_KEYS) != 1:
         raise ConfigError(path, "needs exactly one of `shape` (a file), `generated` and `terrain` (tables)")
     if "shape" not in table and (of_files := next((key for key in _OF_FILES if key in table), None)):
@@ -117,14 +118,17 @@ def body(table: Mapping[str, Any], path: str, files: Files) -> Body:
         if shape.uv is None and "albedo_projection" not in table:
             raise ConfigError(f"{path}.albedo_texture", "needs a shape with texture coordinates, and this one has none",
                               table["albedo_texture"], NO_COORDINATES)
-    law = read_law(table["brdf"], f"{path}.brdf")
-    detail = None
+    law = read_law(table["brdf"], f"{path}.brdf") if "brdf" in table else None
+    detail, materials = None, table.get("materials")
+    if isinstance(materials, Mapping):
+        materials = {name: read_law(each, f"{path}.materials.{name}") for name, each in materials.items()}
     if "detail" in table:
         with error_path(f"{path}.detail"):
             detail = Detail.from_table(table["detail"])
     with error_path(path):
         return Body(name=table["name"], shape=shape, brdf=law, albedo_map=albedo_map, detail=detail,
-                    smooth_normals=table.get("smooth_normals", False), albedo_projection=table.get("albedo_projection"))
+                    smooth_normals=table.get("smooth_normals", False), albedo_projection=table.get("albedo_projection"),
+                    materials=materials)
 
 
 def _generated(table: object, path: str) -> Shape:

@@ -10,7 +10,7 @@ from glrender import ConfigError, Scene
 from glrender.capture.static_exposure import drawn_pixels
 from glrender.emission.sources.tail import Tail
 from glrender.emission.sources.volume import Volume
-from glrender.scene.body import texture_pixels
+from glrender.scene.shape.textures import texture_pixels
 from glrender_camera.validate import known_keys
 
 from . import limits

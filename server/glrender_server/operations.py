@@ -114,7 +114,8 @@ class Operations:
                          "mosaic": list(c.model.pattern) if isinstance(c.model, MosaicModel) else None}
                         for c in self.scene.cameras],
             "bodies": [{"name": b.name, "n_facets": len(b.shape.facets), "radius_m": b.shape.radius_m,
-                        "law": b.brdf.glsl, "warnings": list(b.shape.report.warnings)} for b in self.scene.bodies],
+                        "law": ", ".join(dict.fromkeys(law.glsl for law in b.laws)),
+                        "warnings": list(b.shape.report.warnings)} for b in self.scene.bodies],
             "max_error": self.scene.max_error, "warnings": [*map(asdict, self._of_scene)],
             "stars": None if self.scene.stars is None else asdict(self.scene.stars), **self._renderer.info}
 

@@ -177,7 +177,7 @@ def test_a_closed_shell_of_a_double_sided_material_is_seen_from_outside(tmp_path
 @pytest.mark.parametrize("material, materials, message", [
     (7, [{}], "meshes.primitives.material: must be a number below 1, got 7; export it with all its materials"),
     (0, None, "material: must be a number below 0, got 0"), (-1, [{}], "got -1"), ("cells", [{}], "got 'cells'"),
-    (0, [{"doubleSided": 1}], "materials.doubleSided: must be true or false, got 1")])
+    (0, [{"doubleSided": 1}], r"materials\[0\].doubleSided: must be true or false, got 1")])
 def test_materials_that_are_not_there_are_refused(tmp_path, material, materials, message):
     with pytest.raises(ShapeError, match=message):
         read(sheets(tmp_path, material, None, materials or []))

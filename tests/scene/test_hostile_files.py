@@ -17,8 +17,8 @@ import pytest
 from glrender import ConfigError, Shape, ShapeError
 from glrender.emission.grid_files import read_grid
 from glrender.emission.tables import _facet_table
-from glrender.scene.body import read_texture
 from glrender.scene.shape.glb_files import read_glb
+from glrender.scene.shape.textures import read_texture
 from PIL import Image
 
 

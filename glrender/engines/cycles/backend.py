@@ -24,6 +24,7 @@ from ...view.regions import touching
 from ...view.state import State
 from ...view.view import BodyView, view_bodies
 from ..image import Image, checked_products
+from ..parts import Parts
 from ..rays.aimed import AimedRays
 from ..rays.emission import Emitted
 from ..rays.engine import RayEngine
@@ -63,7 +64,8 @@ class Cycles:
     options: tuple[str, ...] = ("seed", "bounces", "on_progress")
 
     def __init__(self, scene: Scene, *, bounces: int = 4, deadline_s: float = 600.0, n_threads: int = 0):
-        self._own, self.scene = OwnProcess(), scene
+        self._own, self.scene, self._parts = OwnProcess(), scene, Parts(scene)
+        scene = self._drawn = self._parts.drawn
         self._bounces = integer("bounces", bounces, 0, MAX_BOUNCES)
         self._deadline_s = positive("deadline_s", deadline_s)
         self._n_threads = integer("n_threads", n_threads, 0, 1024)
@@ -140,6 +142,7 @@ class Cycles:
         samples = None if samples is None else integer("samples", samples, 1, 128)
         seed = integer("seed", seed, 0, 2**20)
         bounces = self._bounces if bounces is None else integer("bounces", bounces, 0, MAX_BOUNCES)
+        given, state = state, self._parts.state(state, pinhole)
         views = view_bodies(state, pinhole, self._hulls)
         tolerance = rms_tolerance(max_error, views, pinhole)
         roi = visible_region(views, pinhole)
@@ -169,14 +172,15 @@ class Cycles:
             way_out = f"it is out of reach with {MAX_SAMPLES} samples a pixel, of which {most} were drawn"
         arrays = {}
         if wanted:
-            arrays = traced_products(self._ray_engine(), wanted, pinhole, views, roi)
+            arrays = self._parts.products(
+                wanted, lambda names: traced_products(self._ray_engine(), names, pinhole, views, roi))
         left_out = ("light between facets",) if bounces == 0 else ()
-        frame_plan = full_shape_plan(self.scene, pinhole, views, max_error=max_error, predicted_error=reached, roi=roi,
+        frame_plan = full_shape_plan(self._drawn, pinhole, views, max_error=max_error, predicted_error=reached, roi=roi,
                                      warnings=warnings, left_out=left_out, way_out=way_out)
-        frame_plan = self._emitted.add(irradiance, state, pinhole, views, frame_plan)
+        frame_plan = self._parts.plan(self._emitted.add(irradiance, state, pinhole, views, frame_plan))
         took_ms = 1e3 * (time.perf_counter() - began)
         return Image(irradiance_W_m2=irradiance, products=arrays, plan=replace(frame_plan, milliseconds=took_ms),
-                     request=(self.scene, state, pinhole), timings_ms={"trace": took_ms})
+                     request=(self.scene, given, pinhole), timings_ms={"trace": took_ms})
 
     def _missed(self, camera: PinholeCamera, views: list[BodyView], roi: tuple[int, int, int, int], seed: int) -> float:
         """Error of a dark frame: all, where rays of the facets that face Sun and camera find light."""
@@ -190,7 +194,7 @@ class Cycles:
 
     def _ray_engine(self) -> RayEngine:
         if self._rays is None:
-            self._rays = RayEngine(self.scene)
+            self._rays = RayEngine(self._drawn)
         return self._rays
 
     def _start(self) -> None:
@@ -202,7 +206,7 @@ class Cycles:
 
     def _shape_ground(self, members: list[BodyView], camera: PinholeCamera) -> None:
         """Give Blender the ground that the camera resolves of bodies with detail."""
-        for index, body in enumerate(self.scene.bodies):
+        for index, body in enumerate(self._drawn.bodies):
             view = next((view for view in members if view.name == body.name), None)
             if body.relief is None or view is None:
                 continue

@@ -35,6 +35,9 @@ def check_derivable(names: Sequence[str], scene: Scene, request: Request, seen: 
     if scene.emission:
         raise ConfigError("derivatives", "are of light that a surface scatters, and this scene has a coma",
                           hint="leave emission out of the scene")
+    if several := [body.name for body in scene.bodies if body.materials is not None]:
+        raise ConfigError("derivatives", f"cannot be drawn of several materials (body {several[0]!r})",
+                          hint="give the body one brdf")
     by_name = {body.name: body for body in scene.bodies}
     visible = [body for body in seen if body.view.is_visible]
     for body in visible:

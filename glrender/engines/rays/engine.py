@@ -142,7 +142,7 @@ class RayEngine:
 
     def sunlit(self, r_body_m: np.ndarray, view: BodyView, views: list[BodyView]) -> np.ndarray:
         """Whether points (N, 3) [m] in a body's frame have a free line (N,) bool to the Sun's middle."""
-        return self._has_free_line(r_body_m.T, r_body_m.T, view.sun_direction_body, view, views)
+        return self._has_free_line(r_body_m.T, view.sun_direction_body, view, views)
 
     def in_light(self, r_body_m: np.ndarray, facet: np.ndarray, view: BodyView, views: list[BodyView],
                  is_asked: np.ndarray, is_open: np.ndarray | None = None, to_sun: np.ndarray | None = None
@@ -178,7 +178,7 @@ class RayEngine:
                 towards, sides = place_m[:, None] - start, TURNED
                 reach_m = np.sqrt(dot(towards, towards))
                 towards /= reach_m
-            is_free[some] = self._has_free_line(start, above, towards, view, views, reach_m,
+            is_free[some] = self._has_free_line(above, towards, view, views, reach_m,
                                                 None if is_open is None else is_open.take(some), sides)
 
         threads.run_in_parts(ask, len(asked), RAYS_AT_ONCE)
@@ -207,9 +207,8 @@ class RayEngine:
         above = r_body_m + own.lift_m(r_body_m, facet, LIFT) * own.normals.take(facet, axis=0).T
         for other in views:
             turn, shift_m = between(view, other)
-            solid, start = (own, above) if other is view else (self._mesh(other), r_body_m)
             rays = np.broadcast_to(turn @ towards, above.shape)
-            hits = solid.first(turn @ start + shift_m[:, None], rays, sides)
+            hits = self._mesh(other).first(turn @ above + shift_m[:, None], rays, sides)
             found[hits.place] = np.minimum(found[hits.place], hits.distance_m)
         return found
 
@@ -308,7 +307,7 @@ class RayEngine:
         facing, to_sun = hits.at(chosen), to_sun if on_disc is None else to_sun.take(chosen, axis=1)
         r_body = _points(facing, view)
         above = self._mesh(view).raised(r_body, facing.facet, facing.normal, LEAST_LIFT)
-        return facing, r_body, to_sun, self._has_free_line(r_body, above, to_sun, view, views)
+        return facing, r_body, to_sun, self._has_free_line(above, to_sun, view, views)
 
     def _first(self, ray_camera: np.ndarray, views: Iterable[BodyView]) -> list[tuple[int, Hits]]:
         """First hits of rays (3, N) from the camera: those of each body, by its number, that no other body hides."""
@@ -337,20 +336,20 @@ class RayEngine:
                 near = self._near[view.name] = NearMesh(solid, place_m, reach_m, focal_length_px)
             return near
 
-    def _has_free_line(self, start: np.ndarray, above: np.ndarray, towards: np.ndarray, view: BodyView,
-                       views: list[BodyView], reach_m: np.ndarray = ANY_REACH, is_open: np.ndarray | None = None,
-                       sides: int = ALL_SIDES) -> np.ndarray:
-        """Whether points (3, N) [m] of a body have a free line in a direction (3,), or in one each (3, N).
+    def _has_free_line(self, above: np.ndarray, towards: np.ndarray, view: BodyView, views: list[BodyView],
+                       reach_m: np.ndarray = ANY_REACH, is_open: np.ndarray | None = None, sides: int = ALL_SIDES
+                       ) -> np.ndarray:
+        """Whether points (3, N) [m] above a body's surface have a free line in a direction (3,), or in one each (3, N).
 
-        Facets of some sides are in its way: those of the body itself from `above` its surface, but for points that are
-        known to have one there (N,).
+        Facets of some sides are in its way: those of the body itself but for points that are known to have one there
+        (N,). Other bodies may touch it.
         """
-        is_free = np.ones(start.shape[1], bool)
+        is_free = np.ones(above.shape[1], bool)
         for other in views:
             is_own = other is view
             rest = np.flatnonzero(is_free & ~is_open if is_own and is_open is not None else is_free)
             rotation, offset = between(view, other)
-            place, direction = (above if is_own else start).take(rest, axis=1), towards
+            place, direction = above.take(rest, axis=1), towards
             if towards.ndim > 1:
                 direction = towards.take(rest, axis=1)
             if not is_own:

@@ -71,9 +71,15 @@ class BodyBelief:
 
     def body(self, truth: Body) -> Body:
         """The believed body of a true one."""
+        has_shape = self.shape is None and self.facets in (None, 1.0)
+        if self.brdf is None and truth.materials is not None:
+            if not has_shape:
+                raise ConfigError("brdf", "missing: the believed shape has none of the true one's materials")
+            return replace(truth, materials={name: _scaled(law, self.albedo_factor)
+                                             for name, law in truth.materials.items()})
         brdf = _scaled(self.brdf or truth.brdf, self.albedo_factor)
-        if self.shape is None and self.facets in (None, 1.0):
-            return replace(truth, brdf=brdf)
+        if has_shape:
+            return replace(truth, brdf=brdf, materials=None)
         shape = self.shape or truth.shape
         return Body(name=truth.name, shape=shape if self.facets is None else decimated(shape, self.facets), brdf=brdf,
                     smooth_normals=truth.smooth_normals)

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from ...base.errors import ShapeError
 from ..plugins.registry import shape_readers
+from .file_mesh import FileMesh
 from .glb_files import read_glb
+from .materials import FileMaterial
+from .mtl_files import NO_MATERIAL, read_mtl
 from .off_files import read_off
 from .ply_files import read_ply
 from .polygons import MAX_CORNERS, triangulated
@@ -25,31 +28,6 @@ _VERTEX_WIDTHS = (3, 4, 6, 7)
 _FORTRAN = str.maketrans("dD", "eE")
 # Bytes of a file that no facet count within the limit explains.
 _MAX_BYTES = 4 * 1024**3
-
-
-@dataclass(frozen=True)
-class FileMesh:
-    """A shape file's content: triangles, as the file has them.
-
-    Attributes
-    ----------
-    vertices : (V, 3) float64
-        In the file's unit.
-    facets : (F, 3) int64
-        From 0.
-    uv : (F, 3, 2) float32 or None
-        Texture coordinates of the corners.
-    warnings : tuple of str
-        Of what was left out.
-    is_double_sided : (F,) bool or None
-        Facets that the file gives two sides, if they are of an open shell.
-    """
-
-    vertices: np.ndarray
-    facets: np.ndarray
-    uv: np.ndarray | None = None
-    warnings: tuple[str, ...] = ()
-    is_double_sided: np.ndarray | None = None
 
 
 def own_unit(path: Path) -> str | None:
@@ -139,7 +117,7 @@ def facet_limit(count: int, max_facets: int) -> None:
 
 
 def _obj(path: Path, max_facets: int) -> FileMesh:
-    vertex_rows, texture_rows, faces = [], [], []
+    vertex_rows, texture_rows, faces, libraries, uses = [], [], [], [], []
     text = _text(path)
     if "#" in text:
         text = re.sub("#[^\r\n]*", "", text)
@@ -156,12 +134,17 @@ def _obj(path: Path, max_facets: int) -> FileMesh:
             texture_rows.append(" ".join(rest.split()[:2]))
         elif key == "f":
             faces.append((rest, len(vertex_rows), len(texture_rows)))
+        elif key == "usemtl":
+            uses.append((len(faces), rest.strip()))
+        elif key == "mtllib":
+            libraries += [rest.strip()] if (path.parent / rest.strip()).is_file() else rest.split()
         elif key in _OTHER_SURFACES:
             raise ShapeError("", f"has a statement `{key}` of a surface that is no polygon, or of another file",
                              line.strip(), "export it as polygons, in one file")
     if not vertex_rows or not faces:
         raise ShapeError("", "has no vertices or no facets", str(path))
     facet_limit(len(faces), max_facets)
+    material, materials = _obj_materials(path.parent, libraries, uses, len(faces))
     if len(" ".join(vertex_rows).split()) > 3 * len(vertex_rows):  # weights or colours follow
         if wrong := next((row for row in vertex_rows if len(row.split()) not in _VERTEX_WIDTHS), None):
             raise ShapeError("", f"has a vertex with {len(wrong.split())} numbers, where a place has 3, 4 with a "
@@ -176,10 +159,12 @@ def _obj(path: Path, max_facets: int) -> FileMesh:
     if plain and "-" not in text and len(tokens) == 3 * len(faces) and all(len(face[0].split()) == 3 for face in faces):
         # The common case, all at once: triangles, positive indices.
         if slashes == 0:
-            return FileMesh(vertices, _integers(path, tokens).reshape(-1, 3) - 1)
+            return FileMesh(vertices, _integers(path, tokens).reshape(-1, 3) - 1, material=material,
+                            materials=materials)
         if slashes == len(tokens) and texture is not None and all(token.count("/") == 1 for token in tokens):
             pairs = _integers(path, text.replace("/", " ").split()).reshape(-1, 3, 2) - 1
-            return FileMesh(vertices, pairs[..., 0], _corner_uv(texture, pairs[..., 1]))
+            return FileMesh(vertices, pairs[..., 0], _corner_uv(texture, pairs[..., 1]), material=material,
+                            materials=materials)
     corners, uv_corners, sizes, n_textured = [], [], [], 0
     for face, n_vertices, n_texture in faces:
         polygon = [token.split("/") for token in face.split()]
@@ -202,8 +187,21 @@ def _obj(path: Path, max_facets: int) -> FileMesh:
     elif texture is not None and n_textured:
         warnings = (f"texture coordinates are left out, {len(faces) - n_textured} of {len(faces)} facets have none: no "
                     f"albedo map can be used until every corner of every facet names its own (v/vt)",)
-    return replace(_of_polygons(vertices, np.array(corners, np.int64), np.array(sizes), max_facets, path, uv),
-                   warnings=warnings)
+    mesh = _of_polygons(vertices, np.array(corners, np.int64), np.array(sizes), max_facets, path, uv, material)
+    return replace(mesh, warnings=warnings, materials=materials)
+
+
+def _obj_materials(folder: Path, libraries: list[str], uses: list[tuple[int, str]], n_faces: int
+                   ) -> tuple[np.ndarray | None, tuple[FileMaterial, ...]]:
+    """Numbers (n_faces,) of the faces' materials, each used from a face on, and the materials."""
+    if not uses:
+        return None, ()
+    begins, names = np.array([0, *(begin for begin, _ in uses), n_faces]), [NO_MATERIAL, *(name for _, name in uses)]
+    counts = np.diff(begins)
+    number = {name: k for k, name in enumerate(dict.fromkeys(
+        name for name, count in zip(names, counts, strict=True) if count))}
+    material = np.repeat([number.get(name, 0) for name in names], counts)
+    return material, read_mtl(folder, libraries, list(number))
 
 
 def _from_one(index: int, count: int) -> int:
@@ -237,8 +235,10 @@ def _stl(path: Path, max_facets: int) -> FileMesh:
 
 
 def _of_polygons(vertices: np.ndarray, corners: np.ndarray, sizes: np.ndarray, max_facets: int,
-                 path: Path, uv: np.ndarray | None = None) -> FileMesh:
+                 path: Path, uv: np.ndarray | None = None, material: np.ndarray | None = None) -> FileMesh:
     """Triangles of polygons of some corners each (P,): of all in turn the vertices (N,) and texture coordinates (N, 2).
+
+    And the polygons' materials (P,).
     """
     few = np.flatnonzero(sizes < 3)
     if len(few):
@@ -248,7 +248,9 @@ def _of_polygons(vertices: np.ndarray, corners: np.ndarray, sizes: np.ndarray, m
         triangles = triangulated(vertices, corners, sizes)
     except ValueError as error:
         raise ShapeError("", f"has {error}", str(path)) from None
-    return FileMesh(vertices, corners[triangles], None if uv is None else uv[triangles])
+    if material is not None:
+        material = np.repeat(material, sizes)[triangles[:, 0]]
+    return FileMesh(vertices, corners[triangles], None if uv is None else uv[triangles], material=material)
 
 
 def _plate_model(path: Path, max_facets: int) -> FileMesh:
@@ -329,9 +331,9 @@ def _icq(path: Path, max_facets: int) -> FileMesh:
 
 
 def _glb(path: Path, max_facets: int) -> FileMesh:
-    vertices, facets, is_double_sided = read_glb(path, max_facets)
-    facet_limit(len(facets), max_facets)
-    return FileMesh(vertices, facets, is_double_sided=is_double_sided)
+    mesh = read_glb(path, max_facets)
+    facet_limit(len(mesh.facets), max_facets)
+    return mesh
 
 
 def _off(path: Path, max_facets: int) -> FileMesh:

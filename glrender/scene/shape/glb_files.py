@@ -7,17 +7,19 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ...base.errors import ShapeError
+from .file_mesh import FileMesh
+from .glb_materials import GlbMaterial, read_materials
 
-# Bytes of a component, and numbers of a value; matrices and vectors of two or four are no places.
+# Bytes of a component, and numbers of a value; matrices and vectors of four are neither places nor texture coordinates.
 _COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
-_WIDTHS = {"SCALAR": 1, "VEC3": 3}
+_WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3}
 # Extensions that a file may require: integers as places are read, how surfaces and lamps look is not asked for.
 _KNOWN = ("KHR_mesh_quantization", "KHR_lights_punctual", "KHR_xmp_json_ld")
 _KNOWN_BEGIN = ("KHR_materials_", "KHR_texture_", "EXT_texture_")
@@ -28,21 +30,16 @@ _STRIP, _FAN, _TRIANGLES = 5, 6, 4
 _MOST_DEEP = 64
 
 
-def read_glb(path: Path, max_facets: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The meshes of a file's scene, in one; its points and lines are left out, as are animations, cameras and lamps.
+def read_glb(path: Path, max_facets: int) -> FileMesh:
+    """The meshes of a file's scene, in one, and their materials.
 
-    Returns
-    -------
-    vertices : (V, 3) float64
-    facets : (F, 3) int64
-    is_double_sided : (F,) bool
-        As their materials have it.
+    Points and lines are left out, as are animations, cameras and lamps.
 
     Raises
     ------
     ShapeError
-        The file promises more than it holds, names other files or materials that are not there, needs an extension that
-        would change the shape and is not known here, or has skins or morphed meshes.
+        The file promises more than it holds, names other files, or materials and images that are not there, needs an
+        extension that would change the shape and is not known here, or has skins or morphed meshes.
     """
     data = path.read_bytes()
     about, blob = _chunks(data)
@@ -63,18 +60,50 @@ def read_glb(path: Path, max_facets: int) -> tuple[np.ndarray, np.ndarray, np.nd
     if total > max_facets:
         raise ShapeError("", f"has more than {max_facets} facets", total, "decimate it, or raise max_facets")
     values = _Values(accessors=accessors, views=_entries(about, "bufferViews"), blob=blob)
-    are_double = [_flag(material, "doubleSided") for material in _entries(about, "materials")]
-    read = {index: _mesh(meshes[index], values, are_double) for index in sorted({node["mesh"] for node, _ in drawn})}
-    vertices, triangles, is_double, count = [np.empty((0, 3))], [np.empty((0, 3), np.int64)], [np.empty(0, bool)], 0
+    materials = read_materials(about, _entries, values.view)
+    read = {index: _mesh(meshes[index], values, materials) for index in sorted({node["mesh"] for node, _ in drawn})}
+    parts = []
     for node, place in drawn:
         _refuse_morphs(node, meshes[node["mesh"]])
-        points, corners, sides = read[node["mesh"]]
-        is_double.append(sides)
-        vertices.append(points @ place[:3, :3].T + place[:3, 3])
+        mesh = read[node["mesh"]]
         # A mirrored mesh keeps its outside.
-        triangles.append(count + (corners[:, ::-1] if np.linalg.det(place[:3, :3]) < 0.0 else corners))
-        count += len(points)
-    return np.concatenate(vertices), np.concatenate(triangles), np.concatenate(is_double)
+        turn = slice(None, None, -1 if np.linalg.det(place[:3, :3]) < 0.0 else 1)
+        parts.append(replace(mesh, vertices=mesh.vertices @ place[:3, :3].T + place[:3, 3],
+                             facets=mesh.facets[:, turn], uv=mesh.uv[:, turn]))
+    return _with_materials(_in_one(parts), materials)
+
+
+def _in_one(parts: list[FileMesh]) -> FileMesh:
+    """Meshes in one."""
+    begins = np.cumsum([0, *(len(part.vertices) for part in parts)])
+    nothing = FileMesh(np.empty((0, 3)), np.empty((0, 3), np.int64), np.empty((0, 3, 2), np.float32),
+                       material=np.empty(0, np.int64))
+    vertices, uv, material = (np.concatenate([getattr(part, name) for part in (nothing, *parts)])
+                              for name in ("vertices", "uv", "material"))
+    facets = [part.facets + begin for part, begin in zip(parts, begins[:-1], strict=True)]
+    return FileMesh(vertices, np.concatenate([nothing.facets, *facets]), uv, material=material)
+
+
+def _with_materials(mesh: FileMesh, materials: list[GlbMaterial]) -> FileMesh:
+    """A mesh with its materials, and texture coordinates where all facets have them or an image needs them."""
+    *given, default = materials
+    is_double, has_image = (np.array([is_it(each) for each in materials])[mesh.material] for is_it in (
+        lambda each: each.is_double_sided, lambda each: each.surface.image is not None))
+    has_uv = ~np.isnan(mesh.uv).any(axis=(1, 2))
+    if len(lost := np.flatnonzero(has_image & ~has_uv)):
+        material = materials[mesh.material[lost[0]]]
+        raise ShapeError("meshes.primitives.attributes", f"must have TEXCOORD_{material.uv_set}, by which the image of "
+                         f"its material {material.surface.name!r} is laid", hint="export it with texture coordinates")
+    uv = np.nan_to_num(mesh.uv) if len(mesh.uv) and (has_image.any() or has_uv.all()) else None
+    mesh, is_default = replace(mesh, uv=uv, is_double_sided=is_double), mesh.material == len(given)
+    if is_default.all():
+        return replace(mesh, material=None)
+    surfaces = [each.surface for each in given]
+    if is_default.any():
+        surfaces.append(replace(default.surface, notes=(
+            f"{int(is_default.sum())} facets without a material have the format's default: a white metal of roughness "
+            f"1, named {default.surface.name!r}",)))
+    return replace(mesh, materials=tuple(surfaces))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -101,9 +130,9 @@ class _Values:
         self.made[at] = self._replaced(rows, entry["sparse"]) if "sparse" in entry else rows
         return self.made[at]
 
-    def places(self, index: object, which: np.ndarray) -> np.ndarray:
-        """Some of an accessor's places (N, 3) float64: floats, integers, or integers that are normalised."""
-        rows = self.of(index, "VEC3")[which]
+    def vectors(self, index: object, which: np.ndarray, kind: str = "VEC3") -> np.ndarray:
+        """Some of an accessor's vectors (N, width) float64: floats, integers, or integers that are normalised."""
+        rows = self.of(index, kind)[which]
         entry = self.accessors[_index(index, len(self.accessors), "accessor")]
         if rows.dtype.kind == "f" or not entry.get("normalized"):
             return rows.astype(np.float64)
@@ -122,6 +151,14 @@ class _Values:
         rows[places] = self._rows(sparse["values"], rows.dtype, count, rows.shape[1])
         return rows
 
+    def view(self, index: object) -> bytes:
+        """The bytes of a buffer's view."""
+        view = self.views[_index(index, len(self.views), "bufferView")]
+        begin, size = _whole(view, "byteOffset"), _whole(view, "byteLength")
+        if view.get("buffer") != 0 or begin + size > len(self.blob):
+            raise ShapeError("bufferViews", "must be within the binary chunk", view)
+        return self.blob[begin:begin + size]
+
     def _rows(self, entry: dict, kind: np.dtype, count: int, width: int) -> np.ndarray:
         view = self.views[_index(entry.get("bufferView"), len(self.views), "bufferView")]
         begin, size, skip = (_whole(table, key) for table, key in (
@@ -134,11 +171,12 @@ class _Values:
                           (step, kind.itemsize))
 
 
-def _mesh(mesh: dict, values: _Values, are_double: list[bool]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Vertices (V, 3) and triangles (F, 3) of a mesh's primitives, and whether their materials have two sides (F,)."""
-    vertices, triangles, is_double, count = [np.empty((0, 3))], [np.empty((0, 3), np.int64)], [np.empty(0, bool)], 0
+def _mesh(mesh: dict, values: _Values, materials: list[GlbMaterial]) -> FileMesh:
+    """A mesh's primitives in one, with NaN as texture coordinates where there are none."""
+    parts = []
     for primitive in _surfaces(mesh):
-        place = primitive["attributes"].get("POSITION")
+        attributes = primitive["attributes"]
+        place = attributes.get("POSITION")
         n_points = len(values.of(place, "VEC3"))
         corners = np.arange(n_points)
         if "indices" in primitive:
@@ -147,13 +185,20 @@ def _mesh(mesh: dict, values: _Values, are_double: list[bool]) -> tuple[np.ndarr
                 raise ShapeError("meshes.primitives.indices", f"must be whole numbers below {n_points}")
         # Vertices that no corner names are left out: a mesh may be drawn many times.
         used, corners = np.unique(corners, return_inverse=True)
-        vertices.append(values.places(place, used))
-        triangles.append(count + _triangles(corners.reshape(-1).astype(np.int64), primitive.get("mode", _TRIANGLES)))
-        count += len(used)
-        material = primitive.get("material")
-        is_double.append(np.full(len(triangles[-1]), material is not None and are_double[
-            _index(material, len(are_double), "meshes.primitives.material", "export it with all its materials")]))
-    return np.concatenate(vertices), np.concatenate(triangles), np.concatenate(is_double)
+        facets = _triangles(corners.reshape(-1).astype(np.int64), primitive.get("mode", _TRIANGLES))
+        number = len(materials) - 1
+        if (given := primitive.get("material")) is not None:
+            number = _index(given, number, "meshes.primitives.material", "export it with all its materials")
+        uv, of_image = np.full((*facets.shape, 2), np.nan, np.float32), materials[number]
+        if (laid := attributes.get(f"TEXCOORD_{of_image.uv_set}")) is not None:
+            if len(values.of(laid, "VEC2")) != n_points:
+                raise ShapeError(f"meshes.primitives.attributes.TEXCOORD_{of_image.uv_set}", f"must be {n_points}")
+            at = values.vectors(laid, used, "VEC2")
+            at = at @ of_image.uv_from[:, :2].T + of_image.uv_from[:, 2]
+            # Images begin on top here, and shapes' coordinates below.
+            uv = np.stack([at[:, 0], 1.0 - at[:, 1]], axis=1).astype(np.float32)[facets]
+        parts.append(FileMesh(values.vectors(place, used), facets, uv, material=np.full(len(facets), number)))
+    return _in_one(parts)
 
 
 def _triangles(corners: np.ndarray, mode: int) -> np.ndarray:
@@ -256,13 +301,6 @@ def _whole(table: dict, key: str) -> int:
     value = table.get(key, 0)
     if type(value) is not int or value < 0:
         raise ShapeError(key, "must be a whole number", value)
-    return value
-
-
-def _flag(table: dict, key: str) -> bool:
-    value = table.get(key, False)
-    if type(value) is not bool:
-        raise ShapeError(f"materials.{key}", "must be true or false", value)
     return value
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -14,6 +15,7 @@ from ...base.errors import ShapeError, error_path
 from .edges import Edges
 from .facet_geometry import area_vectors, longest_sides
 from .files import MAX_FACETS, own_unit, read_shape_file
+from .materials import FileMaterial
 from .shells import WELD_RTOL, are_all_different, of_one_diagonal, seams, wound
 
 _log = logging.getLogger(__name__)
@@ -115,6 +117,12 @@ class Shape:
         The facet that is the other side of each, in the same place, or -1. By default none has one.
     inside : bool
         Whether closed shells are as the file has them, of which some face inward: a camera may be within.
+    material : (F,) int, optional
+        Number of each facet's material.
+    materials : tuple of FileMaterial
+        Of the file: none by default.
+    centre_of_whole_m : (3,) float64 [m], optional
+        Of a part: `centre_m` of the shape whose part it is.
     """
 
     vertices_m: np.ndarray
@@ -124,6 +132,9 @@ class Shape:
     solid: np.ndarray | None = None
     other_side: np.ndarray | None = None
     inside: bool = False
+    material: np.ndarray | None = None
+    materials: tuple[FileMaterial, ...] = ()
+    centre_of_whole_m: np.ndarray | None = None
 
     @classmethod
     def from_file(cls, path: str | Path, *, length_unit: str | float | None = None, max_facets: int = MAX_FACETS,
@@ -160,11 +171,11 @@ class Shape:
             with np.errstate(over="ignore"):
                 vertices_m = mesh.vertices * scale
             is_double = mesh.is_double_sided if sides == "file" else sides == "both"
-            shape = _checked(vertices_m, mesh.facets, mesh.uv, is_double, inside)
+            shape = _checked(vertices_m, mesh.facets, mesh.uv, is_double, inside, mesh.material)
         messages = (*mesh.warnings, *_unit_doubt(shape), *shape.report.warnings)
         for text in messages:
             _log.warning("%s: %s", path.name, text)
-        return replace(shape, report=replace(shape.report, warnings=messages))
+        return replace(shape, report=replace(shape.report, warnings=messages), materials=mesh.materials)
 
     @classmethod
     def from_arrays(cls, vertices_m: np.ndarray, facets: np.ndarray, *, uv: np.ndarray | None = None,
@@ -189,6 +200,37 @@ class Shape:
         """
         return _checked(vertices_m, facets, uv, one_of("sides", sides, SIDES) == "both", inside)
 
+    def of_one_material(self) -> Shape:
+        """The shape without its file's materials; the report says that one law replaces them."""
+        known = [each.name for each in self.materials if each.law is not None]
+        made = replace(self, material=None, materials=()) if self.materials else self
+        return made.with_warnings([f"brdf replaces the file's materials: {', '.join(known)}; leave it out to have them"]
+                                  if known else [])
+
+    def with_warnings(self, texts: Sequence[str]) -> Shape:
+        """The shape with more warnings in its report, each once."""
+        new = [text for text in dict.fromkeys(texts) if text not in self.report.warnings]
+        for text in new:
+            _log.warning("%s", text)
+        return replace(self, report=replace(self.report, warnings=(*self.report.warnings, *new))) if new else self
+
+    def part(self, chosen: np.ndarray) -> Shape:
+        """Some of its facets (F,) bool, drawn about the same place."""
+        number = np.flatnonzero(chosen)
+        used, facets = np.unique(self.facets[number], return_inverse=True)
+        facets, other_side = facets.reshape(-1, 3).astype(np.int32), None
+        if self.other_side is not None:
+            place = np.full(len(chosen) + 1, -1)
+            place[number] = np.arange(len(number))
+            other_side = place[self.other_side[number]]
+        edges = Edges(facets)
+        report = replace(self.report, n_vertices=len(used), n_facets=len(number), warnings=(), n_open_edges=int(
+            (edges.size == 1).sum()), n_non_manifold_edges=int((edges.size > 2).sum()))
+        # The whole has the inside.
+        return Shape(vertices_m=self.vertices_m[used], facets=facets, uv=None if self.uv is None else self.uv[number],
+                     report=report, solid=np.zeros(len(number), bool), other_side=other_side,
+                     inside=self.inside, centre_of_whole_m=self.centre_m)
+
     @cached_property
     def radius_m(self) -> float:
         """Largest distance of a vertex from the body's origin [m]."""
@@ -202,6 +244,8 @@ class Shape:
         an origin far from the shape (of a terrain patch, its planet's centre) would leave no digits for the shape; the
         middle of the box is the origin then.
         """
+        if self.centre_of_whole_m is not None:
+            return self.centre_of_whole_m
         low_m, high_m = self.vertices_m.min(axis=0), self.vertices_m.max(axis=0)
         middle_m = 0.5 * (low_m + high_m)
         is_far = np.linalg.norm(middle_m) > 0.5 * np.linalg.norm(high_m - low_m)
@@ -259,9 +303,12 @@ class Shape:
         Path(path).write_text("\n".join(lines) + "\n", encoding="ascii")
 
 
-def _checked(vertices_m: object, facets: object, uv: object, is_double: np.ndarray | bool | None, inside: bool
-             ) -> Shape:
-    """The shape of arrays that `from_arrays` takes; facets (F,) of open shells that are double get their other side."""
+def _checked(vertices_m: object, facets: object, uv: object, is_double: np.ndarray | bool | None, inside: bool,
+             material: np.ndarray | None = None) -> Shape:
+    """The shape of arrays that `from_arrays` takes; facets (F,) of open shells that are double get their other side.
+
+    And materials (F,), if they have some.
+    """
     if not isinstance(inside, bool):
         raise ShapeError("inside", "must be true or false", inside)
     try:
@@ -287,11 +334,11 @@ def _checked(vertices_m: object, facets: object, uv: object, is_double: np.ndarr
     if uv is not None and (uv.shape != (*facets.shape, 2) or not np.isfinite(uv).all()):
         raise ShapeError("uv", f"must be {(*facets.shape, 2)} finite numbers", uv.shape)
     is_double = np.broadcast_to(False if is_double is None else is_double, len(facets))
-    return _repaired(vertices, facets.astype(np.int64), uv, is_double, inside)
+    return _repaired(vertices, facets.astype(np.int64), uv, is_double, inside, material)
 
 
-def _repaired(vertices: np.ndarray, facets: np.ndarray, uv: np.ndarray | None, is_double: np.ndarray, inside: bool
-              ) -> Shape:
+def _repaired(vertices: np.ndarray, facets: np.ndarray, uv: np.ndarray | None, is_double: np.ndarray, inside: bool,
+              material: np.ndarray | None) -> Shape:
     used, facets = _renumbered(facets, len(vertices))
     n_unused, vertices = len(vertices) - len(used), vertices[used]
     extent = float(np.ptp(vertices, axis=0).max())
@@ -343,6 +390,7 @@ def _repaired(vertices: np.ndarray, facets: np.ndarray, uv: np.ndarray | None, i
     if not kept.any():
         raise ShapeError("", "has no facet with an area", n_degenerate)
     facets, solid, uv = facets[kept], solid[kept], None if uv is None else uv.reshape(-1, 2)[corners[kept]]
+    material = None if material is None else material[corners[kept, 0] // 3]
     volume = _volume(vertices, facets)
     extents, n_flipped = tuple(float(x) for x in np.ptp(vertices, axis=0)), int(flipped[kept].sum())
     leftover, facets = _renumbered(facets, len(vertices))
@@ -352,7 +400,7 @@ def _repaired(vertices: np.ndarray, facets: np.ndarray, uv: np.ndarray | None, i
         other_side = _other_sides(facets)
         vertices, facets = _with_own_backs(vertices, facets, other_side)
     facets = facets.astype(np.int32)
-    for array in (vertices, facets, uv, solid, other_side):
+    for array in (vertices, facets, uv, solid, other_side, material):
         if array is not None:
             array.setflags(write=False)
     report = ShapeReport(
@@ -362,6 +410,7 @@ def _repaired(vertices: np.ndarray, facets: np.ndarray, uv: np.ndarray | None, i
         n_open_edges=shells.n_open_edges, n_non_manifold_edges=shells.n_non_manifold_edges, volume_m3=volume,
         extent_m=(extents[0], extents[1], extents[2]), warnings=())
     return Shape(vertices_m=vertices, facets=facets, uv=uv, solid=solid, other_side=other_side, inside=inside,
+                 material=material,
                  report=replace(report, warnings=_warnings(report, shells.n_holed_edges)))
 
 

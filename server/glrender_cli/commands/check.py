@@ -116,7 +116,7 @@ def _of_body(body: Body) -> str:
     closed = "closed" if report.is_watertight else \
         f"{report.n_open_edges} open and {report.n_non_manifold_edges} shared edges"
     return (f"body {body.name}: {report.n_facets} facets, {closed}, {size} m, {report.volume_m3:.4g} m3, "
-            f"{type(body.brdf).__name__}{', ' + ', '.join(mended) if mended else ''}")
+            f"{', '.join((*dict.fromkeys(type(law).__name__ for law in body.laws), *mended))}")
 
 
 def _of_camera(camera: PinholeCamera) -> str:

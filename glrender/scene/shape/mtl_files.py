@@ -1,0 +1,97 @@
+"""Materials of Wavefront's OBJ: laws of the names that `usemtl` has, from the libraries next to it.
+
+Source: Wavefront, MTL material format 4.2.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from ...brdf import Lambert
+from .materials import FileMaterial, grey_of
+
+# Bytes of a library, far more than any has: it is read whole.
+_MAX_BYTES = 16 * 1024**2
+# Statements that would change what is drawn: highlights, maps, transparency.
+_LEFT_OUT = ("Ks", "Ns", "map_Kd", "map_Ks", "map_Bump", "map_bump", "bump", "norm", "d", "Tr", "Pr", "Pm")
+# Values of these that change nothing.
+_NOTHING = {"Ks": (0.0,), "d": (1.0,), "Tr": (0.0,), "Pm": (0.0,)}
+# Diffuse colour of a material that names none [1]: that of the format's own viewers.
+_USUAL = "0.8"
+NO_MATERIAL = "without usemtl"
+"""Name of the material of facets before the first `usemtl`, where others have one."""
+
+
+def read_mtl(folder: Path, libraries: list[str], names: list[str]) -> tuple[FileMaterial, ...]:
+    """Materials of some names, out of libraries in a folder; nothing outside it is opened.
+
+    A material that no library has, or not rightly, is one without a law, which says why.
+    """
+    tables, faults = {}, []
+    for library in libraries:
+        try:
+            tables = {**_tables(_text(folder, library)), **tables}
+        except (OSError, ValueError) as error:
+            faults.append(f"mtllib {library} {error.strerror if isinstance(error, OSError) else error}")
+    made = []
+    for name in names:
+        if (table := tables.get(name)) is None:
+            why = "; ".join(faults) or (f"no `newmtl` of this name in {', '.join(libraries)}" if libraries
+                                        else "the OBJ has no mtllib")
+            made.append(FileMaterial(name=name, fault=why))
+            continue
+        left_out = [key for key in _LEFT_OUT if key in table and not _is_nothing(key, table[key])]
+        notes = (f"{', '.join(left_out)} are left out: Kd alone is drawn, as Lambert's law",) if left_out else ()
+        try:
+            law = Lambert(normal_albedo=min(grey_of(_colour(table.get("Kd", _USUAL))), 1.0))
+        except ValueError as error:
+            made.append(FileMaterial(name=name, fault=str(error)))
+        else:
+            made.append(FileMaterial(name=name, law=law, notes=notes))
+    return tuple(made)
+
+
+def _text(folder: Path, library: str) -> str:
+    path = folder / library
+    if Path(library).name != library or library in (".", "..") or "\0" in library:
+        raise ValueError("must be a bare name: a file in the OBJ's folder")
+    # A link must not lead out.
+    if path.exists() and path.resolve().parent != folder.resolve():
+        raise ValueError("must be a file in the OBJ's folder")
+    if path.stat().st_size > _MAX_BYTES:
+        raise ValueError(f"must have at most {_MAX_BYTES} bytes")
+    return path.read_bytes().decode("utf-8-sig", errors="replace")
+
+
+def _tables(text: str) -> dict[str, dict[str, str]]:
+    """Statements by the materials' names; the first of a name counts."""
+    made: dict[str, dict[str, str]] = {}
+    table: dict[str, str] = {}
+    for line in text.splitlines():
+        words = line.partition("#")[0].split(None, 1)
+        if len(words) == 2 and words[0] == "newmtl":
+            table = made.setdefault(words[1].strip(), {})
+        elif len(words) == 2:
+            table.setdefault(words[0], words[1].strip())
+    return made
+
+
+def _colour(text: str) -> np.ndarray:
+    """Linear red, green and blue (3,) of `Kd`: three numbers, or one for all."""
+    try:
+        values = [float(word) for word in text.split()]
+    except ValueError:
+        values = []
+    if len(values) not in (1, 3) or not all(0.0 <= value <= 1.0 for value in values):
+        raise ValueError(f"Kd must be three numbers, 0..1, got {text!r}")
+    return np.broadcast_to(values, 3)
+
+
+def _is_nothing(key: str, text: str) -> bool:
+    try:
+        values = {float(word) for word in text.split()}
+    except ValueError:
+        return False
+    return key in _NOTHING and values <= set(_NOTHING[key])
