@@ -196,8 +196,8 @@ def test_places_that_no_facet_names_are_not_drawn_with_each_instance(tmp_path):
     chunks = struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", len(blob), b"BIN\0") + blob
     (tmp_path / "body.glb").write_bytes(b"glTF" + struct.pack("<II", 2, 12 + len(chunks)) + chunks)
     with soon_and_small():
-        vertices, facets, _ = read_glb(tmp_path / "body.glb", 20_000)
-    assert (len(vertices), len(facets)) == (16_000, 16_000)
+        mesh = read_glb(tmp_path / "body.glb", 20_000)
+    assert (len(mesh.vertices), len(mesh.facets)) == (16_000, 16_000)
 
 
 @pytest.mark.parametrize("name, data", [

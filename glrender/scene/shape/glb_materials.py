@@ -138,12 +138,14 @@ def _material(table: dict, name: str, images: _Images) -> GlbMaterial:
         (metalness,), (roughness,) = (_factors(about, key, (1.0,)) for key in ("metallicFactor", "roughnessFactor"))
         image, laid = None, {}
         try:
-            if texture := _object(about, "metallicRoughnessTexture"):
+            if "metallicRoughnessTexture" in about:
+                texture = _object(about, "metallicRoughnessTexture")
                 with error_path("metallicRoughnessTexture"):
                     _, green, blue = images.means(texture)
                 metalness, roughness = metalness * blue, roughness * green
                 notes.append(f"metalness {metalness:.3g} and roughness {roughness:.3g} are the means of its image")
-            if texture := _object(about, "baseColorTexture"):
+            if "baseColorTexture" in about:
+                texture = _object(about, "baseColorTexture")
                 with error_path("baseColorTexture"):
                     image, laid = images.of(texture), _coordinates(texture)
         except _UnknownImageError:

@@ -50,8 +50,8 @@ class FileMaterial:
 
 
 def grey_of(colour: np.ndarray) -> float:
-    """The grey [1] of linear red, green and blue (3,): their luminance."""
-    return float(LUMINANCE @ colour)
+    """The grey [1] of linear red, green and blue (3,): their luminance, which of a grey is the same number."""
+    return float(colour[1] + LUMINANCE @ (colour - colour[1]))
 
 
 def distinct(names: list[str]) -> list[str]:

@@ -43,13 +43,13 @@ def read_mtl(folder: Path, libraries: list[str], names: list[str]) -> tuple[File
             made.append(FileMaterial(name=name, fault=why))
             continue
         left_out = [key for key in _LEFT_OUT if key in table and not _is_nothing(key, table[key])]
-        notes = (f"{', '.join(left_out)} are left out: Kd alone is drawn, as Lambert's law",) if left_out else ()
+        notes = (f"material {name}: {', '.join(left_out)} left out; Kd alone is drawn, by Lambert's law",)
         try:
             law = Lambert(normal_albedo=min(grey_of(_colour(table.get("Kd", _USUAL))), 1.0))
         except ValueError as error:
             made.append(FileMaterial(name=name, fault=str(error)))
         else:
-            made.append(FileMaterial(name=name, law=law, notes=notes))
+            made.append(FileMaterial(name=name, law=law, notes=notes if left_out else ()))
     return tuple(made)
 
 

@@ -122,5 +122,5 @@ def _opened(file: Path | io.BytesIO) -> Iterator[Image.Image]:
     except ShapeError:
         raise
     except Exception as error:  # broken images raise anything
-        raise ShapeError("", f"texture cannot be read: {error}", None if isinstance(file, io.BytesIO) else str(file)
-                         ) from None
+        where = file.getbuffer().nbytes if isinstance(file, io.BytesIO) else str(file)
+        raise ShapeError("", f"texture cannot be read: {str(error).partition(' <_io')[0]}", where) from None

@@ -1,0 +1,139 @@
+"""Bodies of several materials: engines draw parts, callers see one body. Truth: float64 rays at each facet, plates."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import views
+from few_facets import light as traced
+from glb_parts import SHEET_UV, glb, material, png, sheet
+from glrender import Body, Pose, Renderer, SceneError, State, frames, open_renderer
+from glrender.base.constants import AU_M
+from glrender.brdf import Lambert
+from glrender.scene.body import PART
+from solids import box
+
+GREY = Lambert(normal_albedo=0.3)
+WAYS = {"coverage": {"max_error": 0.02}, "rays": {"max_error": 0.02, "engine": "rays"}, "OpenGL": {"samples": 4}}
+
+
+def craft(folder):
+    """A bus of paint with a lid of gold, a dish of bare metal, and a panel: cells before, paint behind."""
+    bus, facets = box((-0.5, -0.5, -0.7), (0.5, 0.5, 0.7))
+    is_lid = (bus[facets][..., 2] > 0.69).all(axis=1)
+    cone = np.array([[0, 0, 0.75], *([0.4 * np.cos(t), 0.4 * np.sin(t), 1.0] for t in np.arange(8) * np.pi / 4)])
+    dish = np.array([[0, k + 1, (k + 1) % 8 + 1] for k in range(8)])
+    node = {"translation": [1.5, 0.0, 0.0], "scale": [2.0, 1.2, 1.0],
+            "rotation": [0.0, float(np.sin(0.2)), 0.0, float(np.cos(0.2))]}
+    given = [material("paint", 0.8), material("gold", 0.9, metal=1.0, rough=0.5),
+             {**material("metal", 0.6, metal=1.0, rough=0.7), "doubleSided": True}, material("cells", 0.05, rough=0.6)]
+    return Body.from_file(glb(folder / "sat.glb", [
+        (bus, facets[~is_lid], 0, None, None), (bus, facets[is_lid], 1, None, None), (cone, dish, 2, None, None),
+        sheet(3, node), sheet(0, node, turned=True)], given), name="sat", length_unit="m")
+
+
+def looking(r_camera, r_sun=(2.0, -1.0, 3.0)):
+    """A camera that sees the middle of the craft, and the Sun in a direction."""
+    r_camera = np.array(r_camera, float)
+    return State(r_sun_inertial_m=AU_M * np.array(r_sun) / np.linalg.norm(r_sun), bodies={"sat": Pose(
+        r_inertial_m=np.zeros(3))}, spacecraft=Pose(r_inertial_m=r_camera, q_from_inertial=frames.look_at(
+            r_camera, np.array([0.7, 0.0, 0.1]))))
+
+
+@pytest.fixture(scope="module")
+def body(tmp_path_factory):
+    return craft(tmp_path_factory.mktemp("craft"))
+
+
+@pytest.fixture(scope="module")
+def renderer(body):
+    with Renderer(views.scene([body], [views.camera(72, 394.0)], sun_disc=False)) as made:
+        yield made
+
+
+@pytest.mark.parametrize("r_camera", [(8.0, -14.0, 12.0), pytest.param((8.0, -8.0, -16.0), marks=pytest.mark.slow)],
+                         ids=["above", "below"])
+def test_a_craft_of_four_materials_is_as_rays_see_it(renderer, body, r_camera):
+    """Shadows of parts on parts, both sides of a panel and of the dish: within the predicted error and the truth's own.
+
+    The truth's 6 x 6 rays a pixel differ from its 16 x 16 by 1.6 %.
+    """
+    state = looking(r_camera, (2.0, -1.0, np.sign(r_camera[2]) * 3.0))
+    truth = traced([(part.shape.vertices_m[part.shape.facets], part.brdf) for part in body.parts],
+                   renderer.scene.cameras[0], state, views.SOLAR_IRRADIANCE_W_M2)
+    for way, options in WAYS.items():
+        image = renderer.render(state, **options)
+        light = image.irradiance_W_m2.astype(float)
+        assert views.relative_rms(light, truth) < np.hypot(image.plan.predicted_error, 0.016), way
+        assert abs(light.sum() / truth.sum() - 1.0) < (0.01 if way == "OpenGL" else 0.004), way
+
+
+def test_callers_see_one_body(renderer, body):
+    """Plan, products, warnings and memory; with the numbers of the whole shape's facets, as of one law."""
+    wanted = ("range", "body_id", "facet_id", "sunlit", "incidence", "r_body")
+    state = looking((8.0, -14.0, 12.0))
+    alone = Body(name="sat", shape=body.shape, brdf=GREY)
+    with open_renderer(views.scene([alone], [views.camera(72, 394.0)], sun_disc=False), "raytrace") as one:
+        want = one.render(state, products=wanted, samples=1)
+    with open_renderer(renderer.scene, "raytrace") as rays:
+        made = [rays.render(state, products=wanted, samples=1),
+                renderer.render(state, products=wanted)]
+    for image in made:
+        assert [each.name for each in image.plan.bodies] == ["sat"] and PART not in repr(image.plan)
+        assert image.plan.bodies[0].n_facets == len(body.shape.facets) and PART not in str(image.warnings)
+        assert image.request[0] is not None and image.request[1] is state
+        differs = image.products["facet_id"] != want.products["facet_id"]
+        assert set(np.unique(image.products["body_id"])) == {-1, 0} and differs.mean() < 0.005
+        for name in ("range", "incidence", "r_body"):
+            np.testing.assert_allclose(image.products[name][~differs], want.products[name][~differs], atol=2e-5)
+    assert list(renderer.info["memory_bytes"]) == ["sat"]
+    assert set(renderer.render(state, products=["facet_id"]).products) == {"facet_id"}
+    assert made[1].plan.bodies[0].law == "microfacet" and not made[1].plan.bodies[0].casters
+
+
+@pytest.mark.parametrize("r_camera, fault", [((0.0, 0.0, 0.0), "the camera must be outside body 'sat'")])
+def test_errors_name_the_body(renderer, r_camera, fault):
+    state = looking((8.0, -14.0, 12.0))
+    inside = State(r_sun_inertial_m=state.r_sun_inertial_m, bodies=state.bodies,
+                   spacecraft=Pose(r_inertial_m=np.array(r_camera), q_from_inertial=state.spacecraft.q_from_inertial))
+    with pytest.raises(SceneError, match=fault) as caught:
+        renderer.render(inside)
+    assert PART not in str(caught.value)
+    with pytest.raises(SceneError, match="state.bodies.sat: missing"):
+        renderer.render(State(r_sun_inertial_m=state.r_sun_inertial_m, bodies={}, spacecraft=state.spacecraft))
+
+
+def test_the_light_of_a_distant_craft_is_that_of_its_parts(renderer, body):
+    """From 3 px to far below one: the flux goes with the inverse square of the range, and one body has it."""
+    direction, fluxes = np.array([8.0, -14.0, 12.0]), []
+    for scale in (30.0, 3000.0):
+        image = renderer.render(looking(direction * scale))
+        fluxes.append(image.irradiance_W_m2.astype(float).sum() * scale**2)
+        assert {name for small in image.small_bodies for name in small.names} <= {"sat"}
+    near = renderer.render(looking(direction), max_error=0.01).irradiance_W_m2.astype(float).sum()
+    np.testing.assert_allclose(fluxes[0], fluxes[1], rtol=0.01)
+    # From 20 m the craft is not far: each of its places is seen from elsewhere.
+    np.testing.assert_allclose(fluxes[1], near, rtol=0.15)
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_an_image_scales_its_materials_albedo(tmp_path, way):
+    """Halves of a sheet, seen square on: dark and bright as their linear values, and the other material without."""
+    halves = np.repeat([[64, 255]], 4, axis=0).astype(np.uint8).repeat(4, axis=1)
+    given = [material("map", baseColorTexture={"index": 0}), material("plain", 0.5)]
+    body = Body.from_file(glb(tmp_path / "a.glb", [sheet(0, {"translation": [-1.0, 0.0, 0.0]}, SHEET_UV),
+                                                   sheet(1, {"translation": [1.0, 0.0, 0.0]})], given, [png(halves)]),
+                          name="sat", length_unit="m",
+                          materials={"map": Lambert(normal_albedo=0.8), "plain": Lambert(normal_albedo=0.5)})
+    camera = views.camera(96, 3.0e5)
+    state = State(r_sun_inertial_m=[0.0, 0.0, AU_M], bodies={"sat": Pose(r_inertial_m=np.zeros(3))},
+                  spacecraft=Pose(r_inertial_m=[0.0, 0.0, 1.0e4], q_from_inertial=frames.look_at(
+                      np.array([0.0, 0.0, 1e4]), np.zeros(3), np.array([0.0, 1.0, 0.0]))))
+    with Renderer(views.scene([body], [camera], sun_disc=False)) as renderer:
+        light = renderer.render(state, **WAYS[way]).irradiance_W_m2
+    unit = views.SOLAR_IRRADIANCE_W_M2 / np.pi / 3.0e5**2
+    # 30 px a metre; +X is to the right.
+    columns = [int(47.5 + 30.0 * x) for x in (-1.25, -0.75, 1.0)]
+    got = [light[46:50, column - 1:column + 2].mean() / unit for column in columns]
+    dark = ((64 / 255.0 + 0.055) / 1.055) ** 2.4
+    np.testing.assert_allclose(got, [0.8 * dark, 0.8, 0.5], rtol=0.005)
