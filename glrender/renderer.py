@@ -204,8 +204,8 @@ class Renderer:
             clock.lap("products")
         made = replace(self._parts.plan(made), milliseconds=sum(clock.laps_ms.values()),
                        memory_bytes=self._added_bytes(frame))
-        return Image(irradiance_W_m2=irradiance, products=arrays, plan=made, jacobian=jacobian, timings_ms=clock.laps_ms,
-                     small_bodies=self._parts.small_bodies(drawn.small_bodies),
+        return Image(irradiance_W_m2=irradiance, products=arrays, plan=made, jacobian=jacobian,
+                     small_bodies=self._parts.small_bodies(drawn.small_bodies), timings_ms=clock.laps_ms,
                      request=(self.scene, given, request.camera))
 
     def _added_bytes(self, frame: Frame) -> dict[str, int]:

@@ -134,7 +134,8 @@ SCENE: tuple[Table, ...] = (
         "surface": ("int", "SPICE's number of the surface, of a DSK with several."),
         "inside": ("bool", "Closed shells stay as the file has them: a camera may be in those that face inward."),
         "sides": ("\"file\", \"front\" or \"both\"", "Of open shells, as panels; \"file\" by default."),
-        "brdf": ("table", "The reflectance law; below."),
+        "brdf": ("table", "The reflectance law; below. Left out where a shape file has materials."),
+        "materials": ("table", "Laws, as of brdf, by the names of the file's materials, in place of the file's."),
         "albedo_texture": ("text", "An image whose grey value over its full scale scales the law's albedo."),
         "albedo_texture_gain": ("float [1], > 0", "Factor on the texture; 1 by default."),
         "albedo_projection": ("table", "Of a texture of longitudes and latitudes: kind = \"equirectangular\", "

@@ -17,11 +17,11 @@ from glrender_camera.validate import integer, known_keys, vector, within
 
 from ...base.errors import ShapeError
 from ...base.rotations import quaternion
-from ..body import MAX_TEXTURE_PX
 from ..shape.ellipsoid import degrees_around, degrees_towards, east_north_up, places_m
 from ..shape.files import MAX_FACETS, FileMesh
 from ..shape.grids import cells, checked_rings, cube, nested
 from ..shape.shape import Shape
+from ..shape.textures import MAX_TEXTURE_PX
 from .geotiff import Map, opened
 
 _log = logging.getLogger(__name__)

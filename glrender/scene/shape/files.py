@@ -187,7 +187,7 @@ def _obj(path: Path, max_facets: int) -> FileMesh:
     elif texture is not None and n_textured:
         warnings = (f"texture coordinates are left out, {len(faces) - n_textured} of {len(faces)} facets have none: no "
                     f"albedo map can be used until every corner of every facet names its own (v/vt)",)
-    mesh = _of_polygons(vertices, np.array(corners, np.int64), np.array(sizes), max_facets, path, uv, material)
+    mesh = _of_polygons(vertices, np.array(corners, np.int64), np.array(sizes), max_facets, uv, material)
     return replace(mesh, warnings=warnings, materials=materials)
 
 
@@ -224,18 +224,18 @@ def _corner_uv(texture: np.ndarray, index: np.ndarray) -> np.ndarray:
 
 def _ply(path: Path, max_facets: int) -> FileMesh:
     vertices, corners, sizes = read_ply(path)
-    return _of_polygons(vertices, corners, sizes, max_facets, path)
+    return _of_polygons(vertices, corners, sizes, max_facets)
 
 
 def _stl(path: Path, max_facets: int) -> FileMesh:
     points, sizes, warnings = read_stl(path)
     if not len(sizes):
         raise ShapeError("", "has no facets", str(path))
-    return replace(_of_polygons(points, np.arange(len(points)), sizes, max_facets, path), warnings=warnings)
+    return replace(_of_polygons(points, np.arange(len(points)), sizes, max_facets), warnings=warnings)
 
 
 def _of_polygons(vertices: np.ndarray, corners: np.ndarray, sizes: np.ndarray, max_facets: int,
-                 path: Path, uv: np.ndarray | None = None, material: np.ndarray | None = None) -> FileMesh:
+                 uv: np.ndarray | None = None, material: np.ndarray | None = None) -> FileMesh:
     """Triangles of polygons of some corners each (P,): of all in turn the vertices (N,) and texture coordinates (N, 2).
 
     And the polygons' materials (P,).
@@ -247,7 +247,7 @@ def _of_polygons(vertices: np.ndarray, corners: np.ndarray, sizes: np.ndarray, m
     try:
         triangles = triangulated(vertices, corners, sizes)
     except ValueError as error:
-        raise ShapeError("", f"has {error}", str(path)) from None
+        raise ShapeError("", f"has {error}") from None
     if material is not None:
         material = np.repeat(material, sizes)[triangles[:, 0]]
     return FileMesh(vertices, corners[triangles], None if uv is None else uv[triangles], material=material)
@@ -340,7 +340,7 @@ def _off(path: Path, max_facets: int) -> FileMesh:
     vertices, corners, sizes = read_off(path)
     if not len(sizes):
         raise ShapeError("", "has no facets", str(path))
-    return _of_polygons(vertices, corners, sizes, max_facets, path)
+    return _of_polygons(vertices, corners, sizes, max_facets)
 
 
 _MAP = "it is a map of heights and no shape: make a mesh of it first"
