@@ -10,6 +10,7 @@ from glrender import ConfigError, Scene
 from glrender.capture.static_exposure import drawn_pixels
 from glrender.emission.sources.tail import Tail
 from glrender.emission.sources.volume import Volume
+from glrender.scene.shape.glb_files import pixels_of_images
 from glrender.scene.shape.textures import texture_pixels
 from glrender_camera.validate import known_keys
 
@@ -91,10 +92,12 @@ def _check_textures(table: Mapping[str, Any], folder: Path) -> None:
     """Refuse textures that are too large before a pixel is read; the reader refuses those that it cannot read."""
     n_pixels = 0
     for body in _tables(table.get("bodies")):
-        name = body.get("albedo_texture")
-        # Names that lead elsewhere are refused by who opens them.
-        if isinstance(name, str) and (folder / Path(name).name).is_file():
-            n_pixels += texture_pixels(folder / Path(name).name)
+        for key, counted in (("albedo_texture", texture_pixels), ("shape", pixels_of_images)):
+            name = body.get(key)
+            # Names that lead elsewhere are refused by who opens them.
+            if isinstance(name, str) and (key != "shape" or name.lower().endswith(".glb")):
+                place = folder / Path(name).name
+                n_pixels += counted(place) if place.is_file() else 0
     _check_sum("bodies", n_pixels, limits.MAX_SCENE_TEXTURE_PIXELS, "pixels of textures")
 
 

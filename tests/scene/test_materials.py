@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import json
-import struct
 import time
-import zlib
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from glb_parts import SHEET_UV, glb, material, png, sheet
+from glb_parts import SHEET_UV, glb, material, png, png_head, sheet
 from glrender import Body, ConfigError, Scene
 from glrender.brdf import Lambert, Microfacet
 from glrender.scenario.belief.belief import BodyBelief
@@ -294,13 +292,6 @@ def with_image(**more):
     return [material("m", baseColorTexture={"index": 0, **more})]
 
 
-def head(width, height):
-    """A PNG's beginning, which says how large it is."""
-    chunk = lambda kind, data: struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))  # noqa: E731
-    return (b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0))
-            + chunk(b"IDAT", zlib.compress(bytes(1000))))
-
-
 @pytest.mark.parametrize("materials, images, more, message", [
     ([material("m", baseColorTexture={"index": 1})], [png(np.zeros((2, 2), np.uint8))], {},
      r"materials\[0\]\.pbrMetallicRoughness\.baseColorTexture\.index: must be a number below 1, got 1; export"),
@@ -309,7 +300,7 @@ def head(width, height):
     (with_image(), [{"uri": "/etc/passwd"}], {}, r"images\.uri: must not be there.*got '/etc/passwd'; export it"),
     (with_image(), [{"bufferView": 99}], {}, r"bufferView: must be a number below 3, got 99"),
     (with_image(), [b"no picture"], {}, "texture cannot be read"),
-    (with_image(), [head(20000, 20000)], {}, r"at most 16384 pixels a side.*got \(20000, 20000\)"),
+    (with_image(), [png_head(20000, 20000)], {}, r"at most 16384 pixels a side.*got \(20000, 20000\)"),
     ([material("m", metal=1.5)], [], {}, r"metallicFactor: must be within 0\.\.1, got 1\.5"),
     ([material("m", rough=-0.1)], [], {}, r"roughnessFactor: must be within 0\.\.1, got -0\.1"),
     ([material("m", rough="x")], [], {}, "roughnessFactor: must be 1 numbers, got 'x'"),
@@ -329,7 +320,7 @@ def test_hostile_materials_are_refused_soon(tmp_path, materials, images, more, m
 
 def test_all_images_of_a_file_are_counted_together(tmp_path):
     """Nine images of 16384 x 1024, of which a file may have eight: refused by their headers."""
-    images = [head(16384, 1024)] * 9
+    images = [png_head(16384, 1024)] * 9
     assert 9 * 16384 * 1024 > MAX_TEXTURE_PX
     given = [material(f"m{k}", baseColorTexture={"index": k}) for k in range(9)]
     path = glb(tmp_path / "bad.glb", [sheet(k, at(2 * k, 0, 0), SHEET_UV) for k in range(9)], given, images)

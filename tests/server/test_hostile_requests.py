@@ -15,6 +15,7 @@ import pytest
 import serving
 import views
 import zmq
+from glb_parts import SHEET_UV, glb, material, png_head, sheet
 from glrender import ConfigError
 from glrender_camera import PinholeCamera
 from glrender_cli.commands.top import screen
@@ -178,6 +179,16 @@ def test_textures_are_bounded_by_their_sum_before_a_pixel_is_read(tmp_path):
     with pytest.raises(ConfigError, match="134217728 pixels of textures together, got 201326592"):
         scene_asked(header, tmp_path)
     assert time.process_time() - began < 0.5
+
+def test_images_in_shape_files_are_counted_before_they_are_unpacked(tmp_path):
+    """Three bodies of one file with an image of 16384 x 4096, of which only the header is there."""
+    head = png_head(16384, 4096)
+    glb(tmp_path / "sat.glb", [sheet(0, uv=SHEET_UV)], [material("m", baseColorTexture={"index": 0})], [head])
+    bodies = [{"name": f"b{k}", "shape": "sat.glb", "length_unit": "m"} for k in range(3)]
+    header = {"v": 1, "op": "load_scene", "id": 1, "client": "c", "scene": {**SCENE, "bodies": bodies}}
+    with pytest.raises(ConfigError, match="134217728 pixels of textures together, got 201326592"):
+        scene_asked(header, tmp_path)
+
 
 
 @pytest.mark.parametrize("name", ["cam\x1b[2J", "two\nlines", "x" * 129, ""])

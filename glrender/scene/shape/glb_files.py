@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 from ...base.errors import ShapeError
 from .file_mesh import FileMesh
 from .glb_materials import GlbMaterial, read_materials
+from .textures import image_pixels
 
 # Bytes of a component, and numbers of a value; matrices and vectors of four are neither places nor texture coordinates.
 _COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
@@ -71,6 +72,16 @@ def read_glb(path: Path, max_facets: int) -> FileMesh:
         parts.append(replace(mesh, vertices=mesh.vertices @ place[:3, :3].T + place[:3, 3],
                              facets=mesh.facets[:, turn], uv=mesh.uv[:, turn]))
     return _with_materials(_in_one(parts), materials)
+
+
+def pixels_of_images(path: Path) -> int:
+    """Number of pixels in the headers of a file's images; 0 for one that `read_glb` refuses."""
+    try:
+        about, blob = _chunks(path.read_bytes())
+        values = _Values(accessors=[], views=_entries(about, "bufferViews"), blob=blob)
+        return sum(image_pixels(values.view(image.get("bufferView"))) for image in _entries(about, "images"))
+    except (OSError, ValueError, RecursionError):
+        return 0
 
 
 def _in_one(parts: list[FileMesh]) -> FileMesh:
