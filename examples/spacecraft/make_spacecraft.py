@@ -1,4 +1,4 @@
-"""A spacecraft of four materials as a binary glTF: make_spacecraft.py sat.glb [--facets 50000]
+"""A spacecraft of four materials as a binary glTF, and its scenario: make_spacecraft.py FOLDER [--facets 50000]
 
 White paint, gold foil, bare metal and the cells of two panels, which have paint on their backs. Written by the
 specification of glTF 2.0 alone, as a program for three-dimensional drawing exports it: a node for each mesh.
@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import shutil
 import struct
 from pathlib import Path
 
@@ -53,7 +54,9 @@ def pieces(n):
     for axis in range(3):
         for sign in (-1, 1):
             yield *side(axis, sign, bus, n), GOLD if axis == 0 else PAINT, {}
-    dish = lambda u, v: (0.7 * u * np.cos(2 * np.pi * v), 0.7 * u * np.sin(2 * np.pi * v), 0.35 * u**2)  # noqa: E731
+    # With a hole for its feed.
+    dish = lambda u, v: ((0.05 + 0.65 * u) * np.cos(2 * np.pi * v), (0.05 + 0.65 * u) * np.sin(2 * np.pi * v),  # noqa: E731
+                         0.7 * (0.05 + 0.65 * u) ** 2)
     yield *grid(dish, n, 4 * n), METAL, {"translation": [0.0, 0.0, 1.3]}
     nozzle = lambda u, v: ((0.12 + 0.2 * u) * np.cos(2 * np.pi * v), -(0.12 + 0.2 * u) * np.sin(2 * np.pi * v),  # noqa: E731
                            -0.5 * u)
@@ -68,8 +71,8 @@ def pieces(n):
         yield vertices, facets[:, ::-1], PAINT, node
 
 
-def main(file: Path, n_facets: int) -> None:
-    # Of n x n cells there are 6 + 4 + 2 + 8, each of two facets.
+def main(folder: Path, n_facets: int) -> None:
+    # 6 + 4 + 2 + 8 squares of n x n cells, each of two facets.
     n = max(round((n_facets / 40) ** 0.5), 2)
     blob, views, accessors, meshes, nodes = b"", [], [], [], []
     for vertices, facets, material, node in pieces(n):
@@ -88,14 +91,16 @@ def main(file: Path, n_facets: int) -> None:
              "buffers": [{"byteLength": len(blob)}]}
     text = json.dumps(about).encode()
     text += b" " * (-len(text) % 4)
-    file.parent.mkdir(parents=True, exist_ok=True)
-    file.write_bytes(struct.pack("<4sII", b"glTF", 2, 28 + len(text) + len(blob))
-                     + struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", len(blob), b"BIN\0") + blob)
+    folder.mkdir(parents=True, exist_ok=True)
+    shutil.copy(Path(__file__).with_name("flyby.toml"), folder)
+    (folder / "sat.glb").write_bytes(
+        struct.pack("<4sII", b"glTF", 2, 28 + len(text) + len(blob)) + struct.pack("<I4s", len(text), b"JSON") + text
+        + struct.pack("<I4s", len(blob), b"BIN\0") + blob)
 
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("file", type=Path)
+    parser.add_argument("folder", type=Path)
     parser.add_argument("--facets", type=int, default=50_000)
     arguments = parser.parse_args()
-    main(arguments.file, arguments.facets)
+    main(arguments.folder, arguments.facets)

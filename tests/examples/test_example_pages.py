@@ -8,9 +8,11 @@ import subprocess
 import sys
 from pathlib import Path
 
+import few_facets
 import numpy as np
 import pytest
-from glrender import Scene, State, frames, generate
+from glrender import Renderer, Scene, State, frames, generate
+from glrender.base.constants import AU_M
 from glrender.scenario import image_of_sum, load_scenario
 from glrender_cli.__main__ import main
 from missing import needed_module
@@ -77,6 +79,25 @@ def test_the_flyby_has_the_pages_numbers(tmp_path):
     assert main(["sequence", str(small), "--out", str(tmp_path / "out"), "--format", "npz", "--labels",
                  "--processes", "1"]) == 0
     assert np.asarray(Image.open(tmp_path / "out" / "contact_sheet.png")).max() > 100
+
+
+@pytest.mark.parametrize("k", [4, 30])
+def test_the_spacecrafts_frames_have_the_light_of_float64_rays(monkeypatch, tmp_path, k):
+    """Cells before, and paint behind: 8 x 8 rays a pixel at each of a hundred facets, parts shading each other."""
+    module(monkeypatch, "spacecraft", "make_spacecraft").main(tmp_path, 100)
+    scenario = load_scenario(smaller(tmp_path / "flyby.toml", tmp_path / "small.toml", (
+        "width_px = 1024, height_px = 1024, focal_length_px = 2000.0", "width_px = 40, height_px = 40, "
+        "focal_length_px = 78.0"), ("max_error = 0.05", "max_error = 0.05\nsun_disc = false")))
+    state, (body,) = scenario.states()[k], scenario.scene.bodies
+    assert list(body.materials) == ["paint", "gold", "metal", "cells"] and scenario.check() == []
+    turn, place = frames.dcm(state.bodies["sat"].q_from_inertial), state.bodies["sat"].r_inertial_m
+    parts = [((part.shape.vertices_m @ turn + place)[part.shape.facets], part.brdf) for part in body.parts]
+    camera, sun = scenario.scene.cameras[0], state.r_sun_inertial_m - place
+    unit = scenario.scene.solar_irradiance_of(camera) / (np.linalg.norm(sun) / AU_M) ** 2
+    with Renderer(scenario.scene) as renderer:
+        light = float(renderer.render(state).irradiance_W_m2.sum(dtype=float))
+    np.testing.assert_allclose(light, few_facets.light(parts, camera, state, unit, samples=8).sum(),
+                               rtol=numbers("spacecraft", "light of a frame over that of float64 rays")[1] - 1.0)
 
 
 def test_itokawas_hover_starts_where_hayabusa_was(spiceypy, tmp_path):
