@@ -266,7 +266,7 @@ class RayEngine:
         hits, to_lamp, distance_m = hits.at(chosen), to_lamp.take(chosen, axis=1), distance_m.take(chosen)
         r_body = _points(hits, view)
         above = self._mesh(view).raised(r_body, hits.facet, hits.normal, LEAST_LIFT)
-        is_lit = self._has_free_line(r_body, above, to_lamp, view, views, distance_m)
+        is_lit = self._has_free_line(above, to_lamp, view, views, distance_m)
         light = self._reflected(hits.facet, r_body, hits.normal, -hits.ray, to_lamp, hits.distance_m, view, camera)
         return hits, is_lit * light * lamp.intensity_W_sr / distance_m**2
 
