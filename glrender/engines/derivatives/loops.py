@@ -60,6 +60,17 @@ def _walk(swept, areas, x0, y0, x1, y1, first, last, step, steps):
     """
     rows, columns = swept.shape[0], swept.shape[1]
     dx, dy, begin, end = x1 - x0, y1 - y0, 0.0, 1.0
+    if 0.0 <= min(x0, x1) and 0.0 <= min(y0, y1) and max(x0, x1) < columns and max(y0, y1) < rows:
+        column, row = int(x0), int(y0)
+        if column == int(x1) and row == int(y1):
+            # Most lines are in one cell.
+            for k in range(len(first)):
+                swept[row, column, k] += 0.5 * step * (first[k] + last[k])
+            beyond = dy * (0.5 * (x0 + x1) - column)
+            for j in range(len(steps)):
+                areas[row, column, j] += steps[j] * (dy - beyond)
+                areas[row, column + 1, j] += steps[j] * beyond
+            return
     if dy != 0.0:
         one, other = -y0 / dy, (rows - y0) / dy
         begin, end = max(begin, min(one, other)), min(end, max(one, other))

@@ -7,6 +7,7 @@ that, which is nearer to the camera.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -45,19 +46,28 @@ class Cuts:
     shades_m: np.ndarray
 
     @classmethod
-    def of(cls, areas: SunlitAreas, rays: RayEngine, views: list[BodyView]) -> Cuts:
-        """Ask what makes each cut, just beyond it."""
+    def of(cls, areas: SunlitAreas, rays: RayEngine, views: list[BodyView], slides: bool) -> Cuts:
+        """Ask what makes each cut, just beyond it; of those that a shadow makes only where shadows slide."""
         cutter, view, number = areas.seen.cutter, areas.seen.view, areas.seen.facets.number
         point, dark, facet = cutter.cuts()
         r_m = cutter.points.r_m.take(point, axis=1)
         way_m = cutter.points.r_m.take(dark, axis=1) - r_m
         hides_m, shades_m = np.full((2, len(point)), np.inf)
+        may_hide, is_open = ~cutter.points.is_seen.take(dark), np.ones(len(point), bool)
+        is_open &= may_hide | slides
         for part in _BEYOND:
-            left = np.flatnonzero(np.isinf(hides_m) & np.isinf(shades_m))
-            beyond_m, of = r_m.take(left, axis=1) + part * way_m.take(left, axis=1), number.take(facet[left])
-            hides_m[left] = rays.hiding_ranges(beyond_m, of, view, views)
-            shades_m[left] = rays.shade_ranges(beyond_m, of, view, views)
-        return cls(r_m=r_m, facet=facet, hides_m=hides_m, shades_m=np.where(np.isinf(hides_m), shades_m, np.inf))
+            def ask(which: np.ndarray, ranges: Callable[..., np.ndarray], share: float = part) -> np.ndarray:
+                beyond_m = r_m.take(which, axis=1) + share * way_m.take(which, axis=1)
+                return ranges(beyond_m, number.take(facet[which]), view, views)
+
+            # The camera sees the dark corner of a cut by a shadow; one that it does not see may be in shadow too.
+            hidden = np.flatnonzero(is_open & may_hide)
+            hides_m[hidden] = ask(hidden, rays.hiding_ranges)
+            is_open[hidden] = np.isinf(hides_m[hidden])
+            left = np.flatnonzero(is_open)
+            shades_m[left] = ask(left, rays.shade_ranges)
+            is_open[left] = np.isinf(shades_m[left])
+        return cls(r_m=r_m, facet=facet, hides_m=hides_m, shades_m=shades_m)
 
     def own_rates(self, areas: SunlitAreas, rates: Rates, focal_length_px: float) -> np.ndarray:
         """Rates (2 N, 2, K) [px] of the ends in the image, less those of the places on the body where they are."""
@@ -87,7 +97,8 @@ def sun_rates_body(rates: Rates, view: BodyView) -> np.ndarray:
 
 def in_camera(r_body_m: np.ndarray, view: BodyView) -> np.ndarray:
     """Points (3, N) [m] of a body's frame, in `camera`."""
-    return np.stack([dot(axis, r_body_m - view.r_camera_body_m[:, None]) for axis in view.camera_from_body])
+    r_m = r_body_m - view.r_camera_body_m[:, None]
+    return np.stack([dot(axis, r_m) for axis in view.camera_from_body])
 
 
 def place_rates(r_camera_m: np.ndarray, rates: Rates, focal_length_px: float) -> np.ndarray:

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from ...base.errors import ConfigError
-from ...brdf import Law
+from ...brdf import Lambert, Law
 from ...view.view import BodyView
 from ..coverage import facet_loops
 from ..coverage.facet_tables import FacetTables
@@ -17,14 +17,14 @@ from ..rays.mesh import dot
 from .moving_lines import sun_rates_body
 from .parameters import Rates, numbers_of
 
-# Step of directions [rad], to either side: a law bends by its square, and float64 leaves 1e-11 of its value.
-_STEP_RAD = 1e-5
+# Step of directions [rad]: a law bends by half of it, and float64 leaves 1e-10 of its value.
+_STEP_RAD = 1e-6
 # Step of a law's number over the number, and at least [1].
 _STEP, _LEAST_STEP = 1e-5, 1e-7
 
 
-def radiance_rates(facets: FacetTables, view: BodyView, facet: np.ndarray, names: Sequence[str], rates: Rates
-                   ) -> np.ndarray:
+def radiance_rates(facets: FacetTables, view: BodyView, facet: np.ndarray, radiance: np.ndarray,
+                   names: Sequence[str], rates: Rates) -> np.ndarray:
     """Rates (K, N) of the radiance of facets (N,), in 1/sr of the Sun's irradiance at 1 au.
 
     Parameters
@@ -33,15 +33,17 @@ def radiance_rates(facets: FacetTables, view: BodyView, facet: np.ndarray, names
     view : BodyView
     facet : (N,) int
         Facets that face camera and Sun.
+    radiance : (N,) float64
+        Theirs.
     names : sequence of str
         Of the K parameters.
     rates : Rates
     """
-    shading = _Shading(facets, view, facet)
+    shading = _Shading(facets, view, facet, radiance)
     # The camera in the body's frame: turns about the camera leave it where it is.
     camera_m, sun = -rates.shifts_m @ view.camera_from_body, sun_rates_body(rates, view)
     found = np.zeros((len(names), len(facet)))
-    if camera_m.any():
+    if camera_m.any() and not isinstance(shading.law, Lambert):
         found += camera_m @ shading.by_camera()
     if sun.any():
         found += sun @ shading.by_sun()
@@ -55,8 +57,8 @@ def radiance_rates(facets: FacetTables, view: BodyView, facet: np.ndarray, names
 class _Shading:
     """The radiance (N,) of facets (N,), and its derivatives."""
 
-    def __init__(self, facets: FacetTables, view: BodyView, facet: np.ndarray):
-        self._view, self.law = view, facets.surface.body.brdf
+    def __init__(self, facets: FacetTables, view: BodyView, facet: np.ndarray, radiance: np.ndarray):
+        self._radiance, self._view, self.law = radiance, view, facets.surface.body.brdf
         self._normal = facets.normal.take(facet, axis=1).T
         self._to_camera = facet_loops.to_camera(facets.vertices_m, facets.corners, facet, view.r_camera_body_m)
         way_m = facets.corner_m(facet).mean(axis=0) - view.r_camera_body_m[:, None]
@@ -66,18 +68,16 @@ class _Shading:
         """Derivatives (3, N) [1/m] by the camera's place in the body's frame."""
         found = np.zeros_like(self._to_camera)
         for axis in _tangents(self._to_camera):
-            values = [self._value(self.law, to_camera=_turned(self._to_camera, axis, step_rad))
-                      for step_rad in (_STEP_RAD, -_STEP_RAD)]
-            found += axis * ((values[0] - values[1]) / (2.0 * _STEP_RAD * self._range_m))
+            value = self._value(self.law, to_camera=_turned(self._to_camera, axis))
+            found += axis * ((value - self._radiance) / (_STEP_RAD * self._range_m))
         return found
 
     def by_sun(self) -> np.ndarray:
         """Derivatives (3, N) [1] by the direction towards the Sun in the body's frame."""
         to_sun, found = self._view.sun_direction_body[:, None], np.zeros_like(self._to_camera)
         for axis in _tangents(to_sun):
-            values = [self._value(self.law, to_sun=_turned(to_sun, axis, step_rad)[:, 0])
-                      for step_rad in (_STEP_RAD, -_STEP_RAD)]
-            found += axis * ((values[0] - values[1]) / (2.0 * _STEP_RAD))
+            value = self._value(self.law, to_sun=_turned(to_sun, axis)[:, 0])
+            found += axis * ((value - self._radiance) / _STEP_RAD)
         return found
 
     def by_law(self, name: str) -> np.ndarray:
@@ -92,7 +92,7 @@ class _Shading:
         if near is None or far is None:
             raise ConfigError(f"derivatives: law.{name}", "must be a number that the law takes on one side at least",
                               value, "leave it out")
-        return side * (4.0 * self._value(near) - 3.0 * self._value(self.law) - self._value(far)) / (2.0 * step)
+        return side * (4.0 * self._value(near) - 3.0 * self._radiance - self._value(far)) / (2.0 * step)
 
     def _value(self, law: Law, to_sun: np.ndarray | None = None, to_camera: np.ndarray | None = None) -> np.ndarray:
         to_sun = self._view.sun_direction_body if to_sun is None else to_sun
@@ -122,6 +122,6 @@ def _tangents(direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return first, np.cross(direction.T, first.T).T
 
 
-def _turned(direction: np.ndarray, axis: np.ndarray, step_rad: float) -> np.ndarray:
-    """Directions (3, N), a step towards others."""
-    return np.cos(step_rad) * direction + np.sin(step_rad) * axis
+def _turned(direction: np.ndarray, axis: np.ndarray) -> np.ndarray:
+    """Directions (3, N), a step towards others: of length 1 to half of its square, 5e-13."""
+    return direction + _STEP_RAD * axis

@@ -17,7 +17,7 @@ from ..raster.surface_pass import Frame
 from ..rays.engine import RayEngine
 from . import loops
 from .jacobian import Jacobian
-from .moving_lines import Cuts, in_camera, place_rates
+from .moving_lines import Cuts, in_camera, place_rates, sun_rates_body
 from .parameters import Rates, count_of, sun_axes
 from .radiance_rates import radiance_rates
 
@@ -100,11 +100,15 @@ class _Lines:
                  camera: PinholeCamera, rays: RayEngine):
         seen, self.areas, focal_length_px = areas.seen, areas, camera.focal_length_px
         facets, view = seen.facets, seen.view
-        drawn = np.unique(np.concatenate([areas.whole, *(facet for _, facet in areas.polygons)]))
-        changes = radiance_rates(facets, view, drawn, each, rates)
+        is_drawn = np.zeros(facets.n_facets, bool)
+        for facet in (areas.whole, *(facet for _, facet in areas.polygons)):
+            is_drawn[facet] = True
+        drawn = np.flatnonzero(is_drawn)
+        radiance = seen.radiance.of(drawn)
+        changes = radiance_rates(facets, view, drawn, radiance, each, rates)
         self.changed = np.flatnonzero(changes.any(axis=1))
         self.values = np.zeros((1 + len(self.changed), facets.n_facets))
-        self.values[0, drawn] = seen.radiance.of(drawn)
+        self.values[0, drawn] = radiance
         self.values[1:, drawn] = changes[self.changed]
         self.whole = np.zeros_like(self.values)
         self.whole[:, areas.whole] = self.values[:, areas.whole]
@@ -112,7 +116,7 @@ class _Lines:
         points_m = seen.cutter.points.r_m
         self.points_xy = projected(points_m, view, camera)
         self.point_rates = place_rates(in_camera(points_m, view), rates, focal_length_px)
-        cuts = Cuts.of(areas, rays, views)
+        cuts = Cuts.of(areas, rays, views, bool(sun_rates_body(rates, view).any()))
         self.cut_xy, self.cut_rates = projected(cuts.r_m, view, camera), cuts.own_rates(areas, rates, focal_length_px)
         self.cut_values = self.values[:1, cuts.facet[:len(cuts.facet) // 2]]
 
