@@ -19,7 +19,6 @@ import json
 import math
 import os
 import random
-import re
 import statistics
 import subprocess
 import sys
@@ -130,9 +129,9 @@ def server(folder: Path):
         process = subprocess.Popen([sys.executable, "-m", "glrender_server", str(folder / "scene.toml"), "--zmq",
                                     "tcp://127.0.0.1:*", "--view", "0", "--watch"], stdout=subprocess.PIPE, stderr=log,
                                    text=True)
-        line = process.stdout.readline()
+        view, line = process.stdout.readline(), process.stdout.readline()
         try:
-            yield line.split()[3], re.search(r"view on (\S+?)\)", line)[1], process
+            yield line.split()[3], view.split()[2], process
         finally:
             process.terminate()
             process.wait()

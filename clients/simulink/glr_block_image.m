@@ -12,9 +12,24 @@ function image = glr_block_image(client, settings, state, n_frames)
     end
   end
   reply = client.render(state, options{:});
+  tell(reply.header.warnings, n_frames);
   image = reply.pixels;
   if ~isa(image, settings.PixelClass) || ~isequal(size(image), reshape(settings.ImageSize, 1, []))
     error('glrender:size', 'camera %s gives %s %s, the block expects %s %s', settings.Camera, mat2str(size(image)), ...
           class(image), mat2str(settings.ImageSize), settings.PixelClass);
+  end
+end
+
+function tell(warnings, n_frames)
+  % Each kind of warning once in a simulation: warning('off', 'glrender:saturated') silences one.
+  persistent told
+  if n_frames == 0 || isempty(told)
+    told = {};
+  end
+  for k = 1:numel(warnings)
+    if ~any(strcmp(warnings{k}.code, told))
+      told{end + 1} = warnings{k}.code;
+      warning(['glrender:', warnings{k}.code], '%s', warnings{k}.message);
+    end
   end
 end

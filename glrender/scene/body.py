@@ -98,6 +98,10 @@ class Body:
             albedo_map.setflags(write=False)
             object.__setattr__(self, "albedo_map", albedo_map)
 
+    def __repr__(self) -> str:
+        laws = ", ".join(dict.fromkeys(type(law).__name__ for law in self.laws))
+        return f"<Body {self.name}: {self.shape!r}, {laws}>"
+
     def _choose_laws(self) -> None:
         """Keep `brdf`, and a shape without its file's materials; or the law of each material."""
         if self.brdf is not None:

@@ -97,6 +97,10 @@ class Scene:
             if emission.body not in {body.name for body in self.bodies if body.materials is None}:
                 raise ConfigError(f"emission[{index}].body", "must be a body of the scene, of one law", emission.body)
 
+    def __repr__(self) -> str:
+        cameras = ", ".join(f"{camera.name} {camera.width_px} x {camera.height_px} px" for camera in self.cameras)
+        return f"<Scene of {', '.join(map(repr, self.bodies))}; cameras {cameras}; max_error {self.max_error}>"
+
     @cached_property
     def hulls(self) -> dict[str, Hull]:
         """Convex hulls of the bodies, by name, in the scene's order."""

@@ -54,7 +54,7 @@ class OwnServer:
                 words = printed.decode(errors="replace").split()
                 if b"ready" in printed and printed.endswith(b"\n"):
                     self._endpoint = next(word.rstrip(",;") for word in words if word.startswith("tcp://"))
-                    self.page = next((word.rstrip(")") for word in words if word.startswith("http://")), "")
+                    self.page = next((word for word in words if word.startswith("http://")), "")
         if not self._endpoint:
             raise GlrenderError(f"the server did not start (exit code {self._process.poll()}): "
                                 f"try `{' '.join(self._command)}`")

@@ -111,7 +111,7 @@ def main(argv: list[str] | None = None) -> int:
                 said.append(f"metrics on {metrics.endpoint}")
             if view is not None:
                 view.start(fronts[0].endpoint, password, arguments.curve)
-                said.append(f"view on {view.address}")
+                logs.say(f"view on {view.address}")
             # Modules that are loaded are no garbage; looking through them takes some tenths of a millisecond a frame.
             gc.freeze()
             # Scripts wait for this line; logs go to standard error.

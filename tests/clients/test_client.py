@@ -64,6 +64,7 @@ def test_noise_moves_without_a_seed_and_the_reply_tells_it(endpoint):
         frames = client.render_frames(STATE, [noisy, {"camera": "bare"}, {**noisy, "seed": 9}, noisy])
         many = list(client.render_many([{"state": STATE, **noisy}] * 2))
     assert [reply.header["seed"] for reply in (first, again, given)] == [0, 1, 0]
+    assert {"warnings", "notes", "stages"} <= set(first.header) and first.header["plan"]["predicted"]["centroid_px"] > 0
     np.testing.assert_array_equal(first.pixels, given.pixels)
     assert (first.pixels != again.pixels).mean() > 0.1
     assert [frame.header.get("seed") for frame in frames] == [2, None, 9, 3]

@@ -45,7 +45,8 @@ def state(step=0):
 
 
 def address_of(process):
-    return re.search(r"view on (http://127\.0\.0\.1:\d+/\?token=\S+?)\)", process.ready_line)[1]
+    """On a line of its own, which a terminal opens as it is."""
+    return re.search(r"^view on (http://127\.0\.0\.1:\d+/\?token=\S+)$", process.said, re.M)[1]
 
 
 @pytest.fixture(scope="module")

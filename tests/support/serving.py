@@ -38,12 +38,13 @@ focal_length_px = 100.0
 
 
 def wait_for_line(process, start, seconds):
-    """The line of a process's standard output that begins with `start`."""
+    """The line of a process's standard output that begins with `start`; what came so far is `process.said`."""
     deadline, text = time.monotonic() + seconds, b""
     while time.monotonic() < deadline:
         if select.select([process.stdout], [], [], 0.1)[0]:
             chunk = os.read(process.stdout.fileno(), 4096)
             text += chunk
+            process.said = text.decode()
             for line in text.decode().splitlines():
                 if line.startswith(start):
                     return line

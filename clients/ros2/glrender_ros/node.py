@@ -32,7 +32,7 @@ class CameraNode(Node):
     def __init__(self):
         super().__init__("glrender_camera_node")
         given = {name: self.declare_parameter(name, start).value for name, start in _PARAMETERS.items()}
-        self._given, self._n_frames, self._told_lost = given, 0, 0
+        self._given, self._n_frames, self._told_lost, self._told_codes = given, 0, 0, set()
         if not 0 <= given["seed"] < _MOST_SEEDS:
             raise ValueError(f"seed: must be from 0 to {_MOST_SEEDS - 1}, got {given['seed']!r}")
         if given["output"] not in ("dn", "irradiance"):
@@ -81,6 +81,10 @@ class CameraNode(Node):
         except (GlrenderClientError, ValueError) as error:
             self.get_logger().error(f"no image of {state['t_s']} s: {error}")
             return
+        for warning in reply.header["warnings"]:
+            if warning["code"] not in self._told_codes:
+                self._told_codes.add(warning["code"])
+                self.get_logger().warning(f"{state['t_s']} s: {warning['message']} (once for {warning['code']})")
         self._info.publish(conversion.filled(CameraInfo(), conversion.camera_info(
             stamp, self._given["frame_id"], self._camera)))
         self._image.publish(conversion.filled(Image(), fields))

@@ -136,6 +136,10 @@ class Shape:
     materials: tuple[FileMaterial, ...] = ()
     centre_of_whole_m: np.ndarray | None = None
 
+    def __repr__(self) -> str:
+        size = " x ".join(f"{extent:.4g}" for extent in sorted(self.report.extent_m, reverse=True))
+        return f"<Shape of {len(self.facets)} facets, {size} m>"
+
     @classmethod
     def from_file(cls, path: str | Path, *, length_unit: str | float | None = None, max_facets: int = MAX_FACETS,
                   sides: str = "file", surface: int | None = None, inside: bool = False) -> Shape:

@@ -46,6 +46,16 @@ for k = 1:size(cases, 1)
   block.release();
 end
 
+% A block says what is odd in its frames: here that they are saturated.
+lastwarn('', '');
+block = FakeBlock(900.5, {host, port, 'navcam', 'body', 'uint16', [64 96], 10, 7, 0.5, 20});
+block.set_up(@sfun_glrender);
+block.call('Start');
+block.output_at(0, signals{:});
+[message, identifier] = lastwarn();
+check(strcmp(identifier, 'glrender:saturated') && ~isempty(strfind(message, 'saturated')), 'a warning: %s', identifier);
+block.call('Terminate');
+
 % What goes wrong stops the simulation with a message.
 base = {host, port, 'navcam', 'body', 'uint16', [64 96], 0, 7, 0.5, 20};
 wrong = {3, 'wac', 'glrender:scene', 'unknown camera'; 5, 'uint8', 'glrender:size', 'the block expects \[64 96\] uint8'; ...

@@ -21,6 +21,8 @@ for k = 1:numel(products)
 end
 reply = client.render(state, 'camera', 'navcam', 'output', 'dn', 'exposure_s', 0.02, 'seed', uint64(7));
 check(isa(reply.pixels, 'uint16') && reply.header.seed == 7, 'dn');
+has = @(name) isfield(reply.header, name);
+check(has('warnings') && has('notes') && has('stages') && isfield(reply.header.plan.predicted, 'centroid_px'), 'facts');
 keep(folder, 'dn', reply.pixels);
 for k = 0:1
   reply = client.render(state, 'camera', 'navcam', 'output', 'dn');
