@@ -1,4 +1,4 @@
-"""A real image of Bennu and its twin of a SUM file: bennu_twin.py SUM SHAPE [--real IMAGE] [--out twin.png]"""
+"""A real image of Bennu and its twin of a SUM file: bennu_twin.py SUM SHAPE [--map MAP] [--real IMAGE] [--out PNG]"""
 
 from __future__ import annotations
 
@@ -19,10 +19,12 @@ LAW = LunarLambert(normal_albedo=0.045, weight="gaskell")
 SMOOTHED_PX, MARGIN_PX = 2.0, 20
 
 
-def twin(sum_file: Path, shape: Path, length_unit: str = "km") -> np.ndarray:
-    """Irradiance [W/m2] of the image of a SUM file, the Sun at 1 au."""
+def twin(sum_file: Path, shape: Path, length_unit: str = "km", albedo_map: Path | None = None) -> np.ndarray:
+    """Irradiance [W/m2] of the image of a SUM file, the Sun at 1 au; with a map of longitudes from -180 degrees."""
     image = image_of_sum(sum_file, body="bennu")
-    body = Body.from_file(shape, name="bennu", length_unit=length_unit, brdf=LAW)
+    has_map = {} if albedo_map is None else {
+        "albedo_texture": albedo_map, "albedo_projection": {"kind": "equirectangular", "left_edge_deg": -180.0}}
+    body = Body.from_file(shape, name="bennu", length_unit=length_unit, brdf=LAW, **has_map)
     with Renderer(Scene(bodies=[body], cameras=[image.camera])) as renderer:
         return renderer.render(image.state).irradiance_W_m2.astype(float)
 
@@ -42,7 +44,7 @@ def remaining_offset_px(ours: np.ndarray, real: np.ndarray) -> tuple[np.ndarray,
 
 
 def main(arguments: argparse.Namespace) -> None:
-    ours = twin(arguments.sum, arguments.shape, arguments.length_unit)
+    ours = twin(arguments.sum, arguments.shape, arguments.length_unit, arguments.map)
     grey = [ours / np.quantile(ours, 0.999)]
     if arguments.real is not None:
         real = np.asarray(Image.open(arguments.real), float)
@@ -61,6 +63,7 @@ if __name__ == "__main__":
     parser.add_argument("sum", type=Path)
     parser.add_argument("shape", type=Path)
     parser.add_argument("--length-unit", default="km")
+    parser.add_argument("--map", type=Path)
     parser.add_argument("--real", type=Path)
     parser.add_argument("--out", type=Path, default=Path("twin.png"))
     main(parser.parse_args())

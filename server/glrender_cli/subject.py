@@ -85,7 +85,7 @@ def read_subject(path: Path, unit: str | None) -> Subject:
 
 
 def scene_of_shape(path: Path, unit: str | None) -> Scene:
-    """A scene of a shape alone: of Lommel-Seeliger's law, seen by a navigation camera of 1 Mpx.
+    """A scene of a shape alone: of its file's materials, or of Lommel-Seeliger's law; by a navigation camera of 1 Mpx.
 
     Raises
     ------
@@ -98,7 +98,9 @@ def scene_of_shape(path: Path, unit: str | None) -> Scene:
         raise
     with error_path(str(path)):
         shape = Shape.from_file(path, length_unit=metres)
-    body = Body(name=path.stem, shape=shape, brdf=LommelSeeliger(single_scattering_albedo=_ALBEDO))
+    has_laws = bool(shape.materials) and all(each.law is not None for each in shape.materials)
+    law = None if has_laws else LommelSeeliger(single_scattering_albedo=_ALBEDO)
+    body = Body(name=path.stem, shape=shape, brdf=law)
     camera = PinholeCamera(name="navcam", width_px=1024, height_px=1024, focal_length_px=5000.0,
                            model=CameraModel.from_dict({"preset": "generic_navigation_camera", "exposure_s": "auto"}))
     return Scene(bodies=[body], cameras=[camera])

@@ -15,6 +15,7 @@ import pytest
 import serving
 import views
 from cells import slow_but
+from glb_parts import glb, material, sheet
 from glrender import generate, load_scene
 from glrender.sequences.contact_sheet import STRETCHES, grey_levels
 from glrender.sequences.read import read_image
@@ -148,6 +149,17 @@ def test_mistakes_are_told_in_one_line(folder, arguments, message, monkeypatch, 
     told = capfd.readouterr().err
     assert message in told and "Traceback" not in told and told.count("\n") == 1
     assert sorted(folder.rglob("*")) == before
+
+
+def test_a_shape_alone_has_the_materials_of_its_file(tmp_path):
+    from glrender_cli.subject import scene_of_shape
+
+    (body,) = scene_of_shape(glb(tmp_path / "sat.glb", [sheet(0)], [material("paint", 0.8)]), "m").bodies
+    assert list(body.materials) == ["paint"]
+    # An OBJ may name materials that are nowhere.
+    (tmp_path / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl rock\nf 1 2 3\n")
+    (body,) = scene_of_shape(tmp_path / "a.obj", "m").bodies
+    assert body.materials is None and body.brdf.glsl == "lommel_seeliger"
 
 
 def test_a_file_is_read_once(folder, monkeypatch):

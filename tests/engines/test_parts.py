@@ -117,6 +117,34 @@ def test_the_light_of_a_distant_craft_is_that_of_its_parts(renderer, body):
 
 
 @pytest.mark.parametrize("way", WAYS)
+def test_plates_of_three_materials_have_the_light_of_their_laws(tmp_path, way):
+    """GGX, separable Smith and Schlick, written anew: a metal, and black paints, of which the coat alone reflects."""
+    given = [("gold", 0.9, 1.0, 0.5), ("coat", 0.0, 0.0, 0.6), ("steel", 0.5, 1.0, 1.0)]
+    sheets = [sheet(k, {"translation": [2.0 * (k - 1), 0.0, 0.0]}) for k in range(3)]
+    body = Body.from_file(glb(tmp_path / "a.glb", sheets, [material(*row) for row in given]), name="sat",
+                          length_unit="m")
+    camera, r_camera = views.camera(160, 2.5e5), np.array([0.0, 0.0, 1.0e4])
+    with Renderer(views.scene([body], [camera], sun_disc=False)) as renderer:
+        for incidence in np.radians([0.0, 30.0, 60.0]):
+            to_sun = np.array([np.sin(incidence), 0.0, np.cos(incidence)])
+            light = renderer.render(State(
+                r_sun_inertial_m=AU_M * to_sun, bodies={"sat": Pose(r_inertial_m=np.zeros(3))}, spacecraft=Pose(
+                    r_inertial_m=r_camera, q_from_inertial=frames.look_at(r_camera, np.zeros(3), np.array([0, 1.0, 0])))
+            ), **WAYS[way]).irradiance_W_m2
+            for k, (name, base, metal, rough) in enumerate(given):
+                column = int(79.5 + 50.0 * (k - 1))
+                half = to_sun + [0.0, 0.0, 1.0]
+                half /= np.linalg.norm(half)
+                alpha2, f0 = rough**4, base if metal else 0.04
+                distribution = alpha2 / (np.pi * (half[2] ** 2 * (alpha2 - 1.0) + 1.0) ** 2)
+                smith = [1.0 / (mu + np.sqrt(alpha2 + (1.0 - alpha2) * mu * mu)) for mu in (to_sun[2], 1.0)]
+                brdf = distribution * smith[0] * smith[1] * (f0 + (1.0 - f0) * (1.0 - half[2]) ** 5)
+                want = brdf * to_sun[2] * views.SOLAR_IRRADIANCE_W_M2 / 2.5e5**2
+                np.testing.assert_allclose(light[78:82, column - 3:column + 4].mean(), want, rtol=0.01,
+                                           err_msg=f"{name} at {np.degrees(incidence):.0f} deg")
+
+
+@pytest.mark.parametrize("way", WAYS)
 def test_an_image_scales_its_materials_albedo(tmp_path, way):
     """Halves of a sheet, seen square on: dark and bright as their linear values, and the other material without."""
     halves = np.repeat([[64, 255]], 4, axis=0).astype(np.uint8).repeat(4, axis=1)

@@ -40,9 +40,13 @@ def light(bodies, camera, state, solar_irradiance_1au_W_m2, samples=6):
     rays = rays @ Rotation.from_quat(state.spacecraft.q_from_inertial, scalar_first=True).as_matrix()
     start, nearest, which = state.spacecraft.r_inertial_m, np.full(len(rays), np.inf), np.full(len(rays), -1)
     for number, (triangle, _) in enumerate(facets):
-        distance, is_front = _distances(start, rays, triangle)
-        nearer = is_front & (distance > 0.0) & (distance < nearest)
-        nearest[nearer], which[nearer] = distance[nearer], number
+        # Rays within the facet's circle alone.
+        middle = triangle.mean(axis=0) - start
+        radius, range_m = np.linalg.norm(triangle - start - middle, axis=1).max(), np.linalg.norm(middle)
+        near = np.flatnonzero(rays @ (middle / range_m) > np.sqrt(max(1.0 - (radius / range_m) ** 2, 0.0)))
+        distance, is_front = _distances(start, rays[near], triangle)
+        is_nearer = is_front & (distance > 0.0) & (distance < nearest[near])
+        nearest[near[is_nearer]], which[near[is_nearer]] = distance[is_nearer], number
     to_sun, value = state.r_sun_inertial_m / np.linalg.norm(state.r_sun_inertial_m), np.zeros(len(rays))
     for number, (triangle, law) in enumerate(facets):
         mine = np.flatnonzero(which == number)
