@@ -94,9 +94,7 @@ class Image:
         """
         if self.jacobian is None or self.request is None:
             raise ConfigError("derivatives", "must have been asked for", hint='derivatives=["spacecraft"] of render')
-        camera = self.request[2]
-        return Information.of(self.irradiance_W_m2, self.jacobian, camera, model or camera.model, unknown, components,
-                              exposure_s)
+        return Information.of(self, model, unknown, components, exposure_s)
 
     @cached_property
     def warnings(self) -> tuple[Advice, ...]:

@@ -107,10 +107,12 @@ class IrradiancePass:
         """
         windows, small, areas = [], [], []
         for group, options in zip(plan.groups, plan.options, strict=True):
-            mean, window, _, *found = self._first_that_fits(group, options, frame, clock, deadline,
-                                                                  plan.request.has_derivatives)
             if plan.request.has_derivatives:
-                areas.append(found)
+                made = self._draw_coverage(group, options[0], frame, clock, deadline, is_only=True)
+                areas.append((made.areas, made.areas_error))
+            else:
+                made = self._first_that_fits(group, options, frame, clock, deadline)
+            mean, window = made.mean, made.window
             windows.append(window)
             if window.target == "region":
                 x0, y0, x1, y1 = window.roi
@@ -130,12 +132,11 @@ class IrradiancePass:
                      bodies=tuple(frame.bodies), areas=tuple(areas), is_late=time.monotonic() > deadline)
 
     def _first_that_fits(self, group: Group, options: Sequence[WindowPlan], frame: Frame, clock: Clock,
-                         deadline: float, has_derivatives: bool) -> Made:
+                         deadline: float) -> Made:
         """A group, drawn in the first way that meets the tolerance, or the one that comes nearest."""
         best = None
         for option in options:
-            made = self._draw_option(group, option, frame, clock, deadline, option is options[-1],
-                                     has_derivatives)
+            made = self._draw_option(group, option, frame, clock, deadline, option is options[-1])
             window, error = made.window, made.error
             # Engines may be allowed RMS errors of their own, where other units are asked for.
             if best is None or error * best.window.budget.tolerance < best.error * window.budget.tolerance:
@@ -149,10 +150,10 @@ class IrradiancePass:
         return best
 
     def _draw_option(self, group: Group, window: WindowPlan, frame: Frame, clock: Clock, deadline: float,
-                     is_last: bool, has_derivatives: bool) -> Made:
+                     is_last: bool) -> Made:
         """A group, drawn in one way."""
         if window.engine == "coverage":
-            return self._draw_coverage(group, window, frame, clock, deadline, has_derivatives)
+            return self._draw_coverage(group, window, frame, clock, deadline)
         draw = self._draw_grid if window.target != "region" else partial(
             self._draw_sampled, deadline=deadline, is_last=is_last)
         mean, window = draw(group, window, frame, clock)
@@ -172,7 +173,7 @@ class IrradiancePass:
         return samples, window
 
     def _draw_coverage(self, group: Group, window: WindowPlan, frame: Frame, clock: Clock, deadline: float,
-                       is_only: bool) -> Made:
+                       is_only: bool = False) -> Made:
         """A group by areas: where they miss the tolerance rays settle the cells that err most."""
         draw = self._coverage.draw_by_centroids if window.by_centroids else partial(
             self._coverage.draw, has_planes=window.has_planes, is_only=is_only)

@@ -34,13 +34,13 @@ class Information:
     names : tuple of str
         Of the K parameters: ``spacecraft[0]``, ...
     matrix : (K, K) float64
-        Fisher's information, with what is unknown besides taken out.
+        Fisher's information, less the share that gain and offset explain.
     covariance : (K, K) float64
         Its inverse; infinite on the diagonal of what cannot be known.
     in_pixels_per_unit : (K,) float64
         Factors of `in_pixels`.
     unknowable : tuple of str
-        Parameters that the frame does not show, or cannot tell from others.
+        Parameters that the frame does not show, or does not separate from others.
     warnings : tuple of str
     fit : Fit
         The least-squares fit of differences of images.
@@ -55,14 +55,15 @@ class Information:
     fit: Fit
 
     @classmethod
-    def of(cls, irradiance_W_m2: np.ndarray, jacobian: Jacobian, camera: PinholeCamera, model: Any,
-           unknown: Iterable[str] = UNKNOWN, components: Mapping[str, Sequence[int]] | None = None,
-           exposure_s: float | str | None = None) -> Information:
-        """As of `Image.information`."""
+    def of(cls, image: Any, model: Any, unknown: Iterable[str], components: Mapping[str, Sequence[int]] | None,
+           exposure_s: float | str | None) -> Information:
+        """Of an `Image` with its derivatives and its request: `Image.information`."""
+        jacobian, (*_, camera) = image.jacobian, image.request
+        model = camera.model if model is None else model
         if not isinstance(model, CameraModel):
             raise ConfigError("model", "must be a CameraModel, of one band", model)
         chosen, warnings = _chosen(jacobian, components), ()
-        sensor = Readout.of(model, camera, irradiance_W_m2, exposure_s)
+        sensor = Readout.of(model, camera, image.irradiance_W_m2, exposure_s)
         fit = Fit.of(sensor, jacobian, chosen, _checked_unknown(unknown))
         names = tuple(f"{name}[{k}]" if len(jacobian[name]) > 1 else name for name, k in chosen)
         if (psf_px := psf_width_px(model)) < _LEAST_PSF_PX:

@@ -41,7 +41,7 @@ def place_rates(r_camera_m, shifts, turns, stretches, focal_length_px):
 
 @compiled(void(_AREAS, float64, float64, float64, float64, _STEPS))
 def _add_left(areas, y0, dy, begin, end, steps):
-    """Add what the part of a line, from a share `begin` of it to `end`, changes that lies to the left of all cells."""
+    """Add the changes by the part of a line, between shares of its length, that lies to the left of all cells."""
     rows = areas.shape[0]
     low, high = min(y0 + begin * dy, y0 + end * dy), max(y0 + begin * dy, y0 + end * dy)
     for row in range(max(int(low), 0), min(math.ceil(high), rows)):

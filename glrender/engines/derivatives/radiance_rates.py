@@ -17,7 +17,7 @@ from ..rays.mesh import dot
 from .moving_lines import sun_rates_body
 from .parameters import Rates, numbers_of
 
-# Step of directions [rad]: a law bends by half of it, and float64 leaves 1e-10 of its value.
+# Step of directions [rad]: a law bends by half as much, and float64 leaves 1e-10 of its value.
 _STEP_RAD = 1e-6
 # Step of a law's number over the number, and at least [1].
 _STEP, _LEAST_STEP = 1e-5, 1e-7

@@ -1,4 +1,4 @@
-"""What has no derivatives here, by name, and what to change."""
+"""Features that have no derivatives are refused by name, with what to change."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def check_derivable(names: Sequence[str], scene: Scene, request: Request, seen: 
 
 
 def _reason(body: Body, seen: Seen, camera: PinholeCamera) -> tuple[str, str] | None:
-    """What of a body has no derivatives, and what to change; none where all of it has."""
+    """A feature of a body that has no derivatives, and what to change; none where all have."""
     shape = body.drawn_shape
     reasons = (
         (camera.distortion is not None, "a camera that distorts", "leave distortion out of the camera"),
@@ -66,7 +66,7 @@ def _reason(body: Body, seen: Seen, camera: PinholeCamera) -> tuple[str, str] | 
 
 def _check_apart(visible: Sequence[Seen], camera: PinholeCamera) -> None:
     """Refuse bodies that may hide or shade each other."""
-    hint = "leave one of them out of the scene, or ask where they stand apart"
+    hint = "leave one out of the scene, or ask where the bodies stand apart"
     for body in visible:
         if body.casters:
             raise ConfigError("derivatives", f"cannot be drawn where {', '.join(body.casters)} may shade "

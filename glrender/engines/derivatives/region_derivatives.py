@@ -1,4 +1,4 @@
-"""The derivatives of a frame, drawn from the very areas of which its image is, and the error to expect of them."""
+"""The derivatives of a frame, drawn from the very areas of its image, and their expected errors."""
 
 from __future__ import annotations
 
@@ -42,8 +42,7 @@ def derivatives_of(names: Sequence[str], drawn: Drawn, frame: Frame, rays: RayEn
         if "focal_length" in names:
             light_W_m2 = drawn.irradiance_W_m2[top:bottom, left:right]
             of_window[each.index("focal_length")] = _by_solid_angle(light_W_m2, cells)
-        add_derivatives(of_window, names, by_points, list(frame.views), cells, rays,
-                        rays.scene.solar_irradiance_of(frame.camera))
+        add_derivatives(of_window, names, by_points, list(frame.views), cells, rays)
         if any(not areas.seen.cutter.is_free for of_point in by_points for areas in of_point):
             errors = {name: max(error, _expected_error(name, areas_error)) for name, error in errors.items()}
     first = np.cumsum([0, *(count_of(name) for name in names)])
@@ -68,7 +67,7 @@ def _by_solid_angle(irradiance_W_m2: np.ndarray, cells: ImageCells) -> np.ndarra
 
 
 def add_derivatives(found: np.ndarray, names: Sequence[str], by_points: Sequence[Sequence[SunlitAreas]],
-                    views: list[BodyView], cells: ImageCells, rays: RayEngine, solar_W_m2: float) -> None:
+                    views: list[BodyView], cells: ImageCells, rays: RayEngine) -> None:
     """Add the derivatives (K, rows, columns) float32 of one region's pixels by parameters.
 
     Parameters
@@ -82,15 +81,14 @@ def add_derivatives(found: np.ndarray, names: Sequence[str], by_points: Sequence
     cells : ImageCells
         The region's pixels.
     rays : RayEngine
-    solar_W_m2 : float [W/m2]
-        Irradiance of the Sun at 1 au.
     """
+    scale = rays.scene.solar_irradiance_of(cells.camera) / cells.camera.focal_length_px**2
     each = [name for name in names for _ in range(count_of(name))]
     for areas in (one for found_by_point in by_points for one in found_by_point):
         lit_so = [areas.seen.view if view.name == areas.seen.view.name else view for view in views]
         rates = Rates.of(names, areas.seen.view, cells.camera)
         _add(found, _Lines(areas, each, rates, lit_so, cells.camera, rays), cells,
-             solar_W_m2 / cells.camera.focal_length_px**2 / len(by_points))
+             scale / len(by_points))
 
 
 class _Lines:
