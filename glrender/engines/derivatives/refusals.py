@@ -30,6 +30,8 @@ def check_derivable(names: Sequence[str], scene: Scene, request: Request, seen: 
         raise ConfigError("engine", "must be coverage, or left out, with derivatives", request.engine)
     if request.samples is not None:
         raise ConfigError("samples", "must be left out with derivatives, which samples do not have", request.samples)
+    if scene.lamps:
+        raise ConfigError("derivatives", "are of sunlight, and this scene has lamps", hint="leave lamps out")
     if "coverage" not in request.engines:
         raise ConfigError("derivatives", "need the engine coverage, which needs embreex", hint="install embreex")
     if scene.emission:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import solids
 import views
-from glrender import Body, Detail, Pose, Renderer
+from glrender import Body, Detail, Lamp, Pose, Renderer
 from glrender.base.errors import ConfigError
 from glrender.brdf import Lambert, LunarLambert
 from glrender.scene.detail.config import Noise
@@ -63,6 +63,11 @@ def test_surfaces(change, message):
 def test_comae():
     with Renderer(comae.scene(comae.three_jets())) as renderer, pytest.raises(ConfigError, match="leave emission out"):
         renderer.render(comae.state(), derivatives="sun")
+
+
+def test_lamps():
+    lamp = Lamp(name="torch", intensity_W_sr=10.0)
+    refused("are of sunlight, and this scene has lamps.*leave lamps out", scene={"lamps": [lamp]})
 
 
 def test_cameras():
