@@ -129,7 +129,7 @@ def server(folder: Path):
         process = subprocess.Popen([sys.executable, "-m", "glrender_server", str(folder / "scene.toml"), "--zmq",
                                     "tcp://127.0.0.1:*", "--view", "0", "--watch"], stdout=subprocess.PIPE, stderr=log,
                                    text=True)
-        view, line = process.stdout.readline(), process.stdout.readline()
+        line, view = process.stdout.readline(), process.stdout.readline()
         try:
             yield line.split()[3], view.split()[2], process
         finally:

@@ -95,7 +95,7 @@ def main(argv: list[str] | None = None) -> int:
                                 "without a key", address)
             # Whoever watches must know the password, or nobody may.
             password = "" if arguments.watch else secrets.token_urlsafe()
-            view = None
+            view, page = None, ""
             if arguments.view is not None:
                 view = stack.enter_context(closing(ViewProcess(integer("--view", arguments.view, 0, 65535))))
             engine = stack.enter_context(closing(_engine(arguments)))
@@ -111,12 +111,12 @@ def main(argv: list[str] | None = None) -> int:
                 said.append(f"metrics on {metrics.endpoint}")
             if view is not None:
                 view.start(fronts[0].endpoint, password, arguments.curve)
-                logs.say(f"view on {view.address}")
+                page = f"\nview on {view.address}"
             # Modules that are loaded are no garbage; looking through them takes some tenths of a millisecond a frame.
             gc.freeze()
-            # Scripts wait for this line; logs go to standard error.
+            # Scripts wait for this line, and for a page's address that comes with it; logs go to standard error.
             Server(dispatcher, engine, fronts, fronts[0].reload_keys).serve(
-                lambda: logs.say(f"glrender-server ready on {where} ({'; '.join(said)})"))
+                lambda: logs.say(f"glrender-server ready on {where} ({'; '.join(said)}){page}"))
     except (GlrenderError, OSError) as error:
         sys.stderr.write(f"glrender-server: {error}\n")
         return 1
