@@ -20,7 +20,8 @@ from ..view.state import State
 from ..view.view import view_bodies
 from .small_bodies import SmallBody
 
-_PART = re.compile(f"{PART}[0-9]+")
+# A name may stand in quotes, its unprintable sign as an escape.
+_PART = re.compile(rf"(?:{PART}|\\x1f)[0-9]+")
 
 
 class Parts:

@@ -91,14 +91,14 @@ def test_callers_see_one_body(renderer, body):
     assert made[1].plan.bodies[0].law == "microfacet" and not made[1].plan.bodies[0].casters
 
 
-@pytest.mark.parametrize("r_camera, fault", [((0.0, 0.0, 0.0), "the camera must be outside body 'sat'")])
-def test_errors_name_the_body(renderer, r_camera, fault):
+@pytest.mark.parametrize("scale, fault", [(0.0, "the camera must be outside body 'sat'"),
+                                          (2.5e10, "body 'sat' must be 1e-09 px across")])
+def test_errors_name_the_body(renderer, scale, fault):
+    """In a body's middle, and where one of its parts is too small."""
     state = looking((8.0, -14.0, 12.0))
-    inside = State(r_sun_inertial_m=state.r_sun_inertial_m, bodies=state.bodies,
-                   spacecraft=Pose(r_inertial_m=np.array(r_camera), q_from_inertial=state.spacecraft.q_from_inertial))
-    with pytest.raises(SceneError, match=fault) as caught:
-        renderer.render(inside)
-    assert PART not in str(caught.value)
+    place = Pose(r_inertial_m=scale * state.spacecraft.r_inertial_m, q_from_inertial=state.spacecraft.q_from_inertial)
+    with pytest.raises(SceneError, match=fault):
+        renderer.render(State(r_sun_inertial_m=state.r_sun_inertial_m, bodies=state.bodies, spacecraft=place))
     with pytest.raises(SceneError, match="state.bodies.sat: missing"):
         renderer.render(State(r_sun_inertial_m=state.r_sun_inertial_m, bodies={}, spacecraft=state.spacecraft))
 
