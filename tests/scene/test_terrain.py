@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import re
+import tomllib
+from pathlib import Path
+
 import numpy as np
 import pytest
 from glrender import Body, ConfigError, Scene, Shape, frames
 from glrender.brdf import Lambert
-from glrender.scene.formats.terrain import patch
+from glrender.scene.formats.terrain import GeoTiff, patch
 from glrender.scene.plugins.registry import shape_readers
-from glrender.scene.shape.grids import nested
+from glrender.scene.shape.files import MAX_FACETS
+from glrender.scene.shape.grids import checked_rings, nested
 from glrender.scene.surface import Surface
 from missing import missing, needed_module
 
@@ -302,6 +307,18 @@ def test_an_orthophoto_is_the_albedo(tmp_path, files):
     np.testing.assert_allclose(beyond[[0, -1]], grey.mean() / 255.0, atol=0.005)
     with pytest.raises(ConfigError, match="^orthophoto: must show some of the ground"):
         patch(files / "plane.tif", site_deg=APOLLO, rings=[[100.0, 50.0]], orthophoto=files / "polar.tif")
+
+
+def test_the_pages_tables_are_taken(files):
+    """Those of docs/terrain.md: of the terrain with another map and fewer posts."""
+    page = (Path(__file__).parents[2] / "docs" / "terrain.md").read_text(encoding="utf-8")
+    terrain, lamps = (tomllib.loads(text) for text in re.findall(r"```toml\n(.*?)```", page, re.S))
+    table = terrain["bodies"]["terrain"]
+    assert len(checked_rings(table["rings"], MAX_FACETS)) == 3
+    ground = GeoTiff.from_table(table | {"rings": [[600.0, 60.0]]}, lambda field, name: files / "plane.tif")
+    assert ground.albedo_map is not None and len(ground.facets) == 800
+    body = {"name": "a", "generated": {"kind": "icosphere", "radius_m": 5.0, "subdivisions": 1}, "brdf": BRDF}
+    assert len(Scene.from_dict({**TABLE, "bodies": [body], **lamps}).lamps) == 1
 
 
 def test_a_scene_file_asks_for_terrain(files, tmp_path):

@@ -101,8 +101,9 @@ r_m = [1.0e11, 0.0, -1.0e11]
 [time]
 times_s = [0.0]
 """
-# Files that are no scene: their own commands read them (tests/campaign, tests/vizard, tests/scene/test_plugins.py).
-NO_SCENES = ("campaign.md", "basilisk.md", "plugins.md")
+# Files that are no scene: their own commands read them (tests/campaign, tests/vizard, tests/scene/test_plugins.py), or
+# that need a map (tests/scene/test_terrain.py).
+NO_SCENES = ("campaign.md", "basilisk.md", "plugins.md", "terrain.md")
 TOML = [pytest.param(text, id=f"{page.relative_to(ROOT)}-{index}") for page in PAGES if page.name not in NO_SCENES
         for index, text in enumerate(re.findall(r"```toml\n(.*?)```", page.read_text(encoding="utf-8"), re.S))]
 
