@@ -94,7 +94,7 @@ class Renderer:
                 solid=None if rays is None else rays.solid(body.name),
                 facets=None if coverage is None else coverage.facets(body.name))
                 for index, (body, mesh) in enumerate(zip(scene.bodies, meshes, strict=True))}
-            self._left_out = between_walls(scene)
+            self._left_out = between_walls(self.scene)
             self._shadows = Shadows(self._context, scene, self._bodies)
             stack.callback(self._shadows.close)
             self._surfaces = stack.enter_context(SurfacePass(self._context, scene, self._bodies))

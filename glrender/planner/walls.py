@@ -22,6 +22,8 @@ def between_walls(scene: Scene) -> tuple[str, ...]:
 
 
 def _most_times(body: Body) -> float:
-    albedo = max(hemispherical_albedo(body.brdf, incidence, _NODES) for incidence in _INCIDENCES)
-    albedo *= 1.0 if body.albedo_map is None else float(body.albedo_map.max())
+    albedo = 0.0
+    for part in body.parts:
+        share = max(hemispherical_albedo(part.brdf, incidence, _NODES) for incidence in _INCIDENCES)
+        albedo = max(albedo, share * (1.0 if part.albedo_map is None else float(part.albedo_map.max())))
     return 1.0 / (1.0 - albedo) if albedo < 1.0 else math.inf

@@ -187,6 +187,24 @@ def test_a_body_shades_another_from_a_lamp_aside():
     assert shaded < 1e-4 * free
 
 
+def test_a_room_of_two_materials(tmp_path):
+    """The pillar's facets have a law of their own: as if all were one body, and one sentence on light between walls."""
+    vertices, facets = room_with_pillar()
+    lines = ["mtllib two.mtl", *(f"v {x} {y} {z}" for x, y, z in vertices)]
+    for name, some in (("white", facets[:12]), ("black", facets[12:])):
+        lines += [f"usemtl {name}", *(f"f {a} {b} {c}" for a, b, c in some + 1)]
+    (tmp_path / "room.obj").write_text("\n".join(lines))
+    (tmp_path / "two.mtl").write_text(f"newmtl white\nKd {ALBEDO} {ALBEDO} {ALBEDO}\nnewmtl black\nKd 0.1 0.1 0.1\n")
+    body = Body.from_file(tmp_path / "room.obj", name="room", length_unit="m", inside=True,
+                          materials={"black": Lambert(normal_albedo=ALBEDO)})
+    lamp = Lamp(name="a", intensity_W_sr=INTENSITY_W_SR, r_spacecraft_m=LAMP_M)
+    with Renderer(scene(body.shape, lamp, bodies=[body])) as renderer:
+        image = renderer.render(state())
+    expected = truth(vertices, facets, [lamp], Lambert(normal_albedo=ALBEDO))
+    rms, flux = error(image.irradiance_W_m2.astype(float), expected)
+    assert rms < image.plan.predicted_error + 0.01 and abs(flux) < 0.004 and len(image.plan.left_out) == 1
+
+
 def test_what_draws_no_lamps_is_refused():
     room = Shape.from_arrays(*room_with_pillar(), inside=True)
     made = scene(room, lamp := Lamp(name="a", intensity_W_sr=1.0))
@@ -195,6 +213,8 @@ def test_what_draws_no_lamps_is_refused():
             renderer.render(state(), engine="raster")
         with pytest.raises(ConfigError, match="samples: are drawn by OpenGL, which draws no lamps, got 4; leave"):
             renderer.render(state(), samples=4)
+        with pytest.raises(ConfigError, match="derivatives: are of sunlight, and this scene has lamps; leave"):
+            renderer.render(state(), derivatives=["sun"])
     detailed = Body(name="room", shape=room, brdf=Lambert(normal_albedo=0.1),
                     detail=Detail(seed=1, noise=Noise(amplitude_m=0.1, longest_m=1.0, shortest_m=0.1)))
     with pytest.raises(ConfigError, match=r"bodies\[0\].detail: goes without lamps.*leave one out"):
