@@ -24,8 +24,8 @@ _PX = {"spacecraft": (10.0, 10.0, 2000.0, 5e-4, 5e-4, 0.1), "bodies.body": (10.0
 CAMERA = views.camera(24, 2000.0, q_camera_from_spacecraft=Rotation.from_euler("xyz", [0.002, -0.003, 0.7]).as_quat(
     scalar_first=True), r_camera_spacecraft_m=[3.0, -2.0, 1.0])
 BODY = Body(name="body", brdf=LAW, shape=Shape.from_arrays(
-    generate.icosphere(radius_m=100.0, subdivisions=2).vertices_m * [1.0, 0.8, 0.6],
-    generate.icosphere(radius_m=100.0, subdivisions=2).facets))
+    generate.icosphere(radius_m=100.0, subdivisions=1).vertices_m * [1.0, 0.8, 0.6],
+    generate.icosphere(radius_m=100.0, subdivisions=1).facets))
 STATE = replace(views.state(phase_deg=50.0, range_m=20_000.0), bodies={"body": Pose(
     r_inertial_m=[10.0, -5.0, 7.0], q_from_inertial=Rotation.from_euler("xyz", [0.3, 1.1, -0.4]).as_quat(
         scalar_first=True))})
