@@ -361,7 +361,7 @@ class IrradiancePass:
 def _made_by_areas(window: WindowPlan, made: CoverageImage) -> Made:
     """A group by areas, as an image has them."""
     judged, drawn = (replace(window, drawn={"boundaries": float(each)}) for each in (made.error.judged, made.error.rms))
-    return Made(made.means.astype(np.float32), drawn, judged.predicted_error, made.areas, float(made.error.rms))
+    return Made(made.means.astype(np.float32), drawn, judged.predicted_error, made.areas, drawn.predicted_error)
 
 
 def _shadow_share(window: WindowPlan, frame: Frame) -> float:

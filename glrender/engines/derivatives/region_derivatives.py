@@ -23,9 +23,9 @@ from .radiance_rates import radiance_rates
 
 # Most numbers of a part of an image that is drawn at once: 64 MiB.
 _AT_ONCE = 1 << 23
-# Error of derivatives over their RMS [1] without a cut, and the factors and powers of an image's error [1] where cuts
-# stay or go with what hides, and where they slide: Itokawa and a contact binary at 60 and 100 deg, tolerances of 0.002
-# to 0.05, against 18 bisections at 0.0007.
+# Error of derivatives over their RMS [1] without a cut, where they err as the image does otherwise; and the factors and
+# powers of the image's error [1] where cuts stay or go with what hides, and where they slide: Itokawa and a contact
+# binary at 60 and 100 deg, tolerances of 0.002 to 0.05, against 18 bisections at 0.0007.
 _UNCUT, _CUT, _SLIDING = 1e-4, (2.5, 0.8), (6.0, 0.4)
 
 
@@ -34,7 +34,7 @@ def derivatives_of(names: Sequence[str], drawn: Drawn, frame: Frame, rays: RayEn
     """The derivatives of a drawn frame by parameters, and the error [1] to expect of each over its RMS."""
     x0, y0, x1, y1 = roi = union([window.roi for window in drawn.windows])
     each = [name for name in names for _ in range(count_of(name))]
-    found, errors = np.zeros((len(each), y1 - y0, x1 - x0), np.float32), dict.fromkeys(names, _UNCUT)
+    found, errors = np.zeros((len(each), y1 - y0, x1 - x0), np.float32), dict.fromkeys(names, 0.0)
     for window, (by_points, areas_error) in zip(drawn.windows, drawn.areas, strict=True):
         left, top, right, bottom = window.roi
         part = np.s_[top - y0:bottom - y0, left - x0:right - x0]
@@ -43,8 +43,8 @@ def derivatives_of(names: Sequence[str], drawn: Drawn, frame: Frame, rays: RayEn
             light_W_m2 = drawn.irradiance_W_m2[top:bottom, left:right]
             of_window[each.index("focal_length")] = _by_solid_angle(light_W_m2, cells)
         add_derivatives(of_window, names, by_points, list(frame.views), cells, rays)
-        if any(not areas.seen.cutter.is_free for of_point in by_points for areas in of_point):
-            errors = {name: max(error, _expected_error(name, areas_error)) for name, error in errors.items()}
+        is_cut = any(not areas.seen.cutter.is_free for of_point in by_points for areas in of_point)
+        errors = {name: max(error, _expected_error(name, areas_error, is_cut)) for name, error in errors.items()}
     first = np.cumsum([0, *(count_of(name) for name in names)])
     view, ranges_m = frame.views[0], {f"bodies.{view.name}": view.range_m for view in frame.views}
     ranges_m["spacecraft"] = min(view.range_m for view in frame.views if view.is_visible or len(frame.views) == 1)
@@ -53,8 +53,10 @@ def derivatives_of(names: Sequence[str], drawn: Drawn, frame: Frame, rays: RayEn
         view.camera_from_body @ view.sun_direction_body)), errors
 
 
-def _expected_error(name: str, areas_error: float) -> float:
-    """The error [1] to expect over the RMS of derivatives where light is cut off within facets."""
+def _expected_error(name: str, areas_error: float, is_cut: bool) -> float:
+    """The error [1] to expect over the RMS of derivatives, of an image's error [1], with light cut off or whole."""
+    if not is_cut:
+        return _UNCUT + areas_error
     factor, power = _SLIDING if name == "sun" or name.startswith("bodies.") else _CUT
     return factor * areas_error**power
 

@@ -58,7 +58,9 @@ def test_derivatives_are_those_of_sums_over_facets(name, k):
     expected = (plus - minus) / (2.0 * step)
     assert image.jacobian[name].dtype == np.float32 and image.jacobian[name].shape[0] == COUNTS[name]
     error = np.linalg.norm(whole(image, name)[k] - expected) / np.linalg.norm(expected)
-    assert error < 3e-4 and image.plan.jacobian_error[name] < 3e-4
+    assert error < 3e-4
+    # The plan counts facets of one radiance each as an error, as of the image.
+    assert image.plan.predicted_error < image.plan.jacobian_error[name] < 2.0 * image.plan.predicted_error
 
 
 @pytest.mark.parametrize("name", ["single_scattering_albedo", "b", "c", "roughness_deg", "filling_factor"])

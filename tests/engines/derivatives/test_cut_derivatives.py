@@ -148,4 +148,7 @@ def test_the_plan_keeps_coverage_and_predicts_the_error_of_derivatives():
     assert {window.engine for window in image.plan.windows} == {"coverage"}
     assert "derivatives were asked for" in str(image.plan) and "predicted error of derivatives" in str(image.plan)
     assert 0.002 < image.plan.jacobian_error["spacecraft"] < 0.1 < image.plan.jacobian_error["sun"]
+    with Renderer(views.scene([body], [views.camera(64, 500.0)], sun_disc=False)) as renderer:
+        late = renderer.render(views.state(phase_deg=175.0, range_m=2000.0), derivatives=["spacecraft"])
+    assert late.plan.jacobian_error["spacecraft"] > 0.5
     assert image.plan.to_dict()["jacobian_error"] == image.plan.jacobian_error
