@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import time
 from dataclasses import replace
 
@@ -223,6 +224,12 @@ def test_what_is_left_out_is_told(tmp_path):
     assert any(text.startswith("material m: map_Kd left out") for text in warnings)
 
 
+def test_colours_of_vertices_are_left_out_with_a_word(tmp_path):
+    path = glb(tmp_path / "a.glb", [sheet(0, uv=SHEET_UV)], [material("m")])
+    path.write_bytes(path.read_bytes().replace(b'"TEXCOORD_0"', b'"COLOR_0"   '))
+    assert "colours of vertices are left out" in opened(path).shape.report.warnings
+
+
 def test_colours_that_are_elsewhere_are_asked_for(tmp_path):
     """Where the file does not say, by a format that is not read here, another law or brdf may."""
     basis = {"textures": [{"extensions": {"KHR_texture_basisu": {"source": 0}}}]}
@@ -254,7 +261,15 @@ def test_faces_of_an_obj_have_the_material_in_use(tmp_path):
     np.testing.assert_array_equal(body.shape.material, (np.abs(middle - 1.5) < 0.5).astype(int))
 
 
-@pytest.mark.parametrize("library", ["../two.mtl", "/etc/passwd", "sub/two.mtl", "none.mtl", "link.mtl", "."])
+@pytest.mark.parametrize("library", ["two.mtl", "./two.mtl", "none.mtl two.mtl", "my two.mtl", "two.mtl # it"])
+def test_libraries_are_named_in_many_ways(tmp_path, library):
+    path = obj(tmp_path, library=library)
+    if library.startswith("my"):
+        (tmp_path / "two.mtl").rename(tmp_path / library)
+    assert [law.normal_albedo for law in opened(path).materials.values()] == [0.8, 0.1]
+
+
+@pytest.mark.parametrize("library", ["../two.mtl", "/etc/passwd", "sub/two.mtl", "none.mtl", "link.mtl", "pipe.mtl"])
 def test_only_a_library_in_the_folder_is_opened(tmp_path, library):
     folder = tmp_path / "shapes"
     (folder / "sub").mkdir(parents=True)
@@ -262,6 +277,7 @@ def test_only_a_library_in_the_folder_is_opened(tmp_path, library):
     for place in (tmp_path, folder / "sub"):
         (place / "two.mtl").write_text("newmtl white\nKd 1 1 1\nnewmtl black\nKd 1 1 1\n")
     (folder / "link.mtl").symlink_to(tmp_path / "two.mtl")
+    os.mkfifo(folder / "pipe.mtl")
     path = obj(folder, library=library)
     with pytest.raises(ConfigError, match=r"materials\.white: missing: mtllib .*give its law, or brdf for all facets"):
         opened(path)

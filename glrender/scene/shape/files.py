@@ -137,7 +137,7 @@ def _obj(path: Path, max_facets: int) -> FileMesh:
         elif key == "usemtl":
             uses.append((len(faces), rest.strip()))
         elif key == "mtllib":
-            libraries += [rest.strip()] if (path.parent / rest.strip()).is_file() else rest.split()
+            libraries.append(rest.strip())
         elif key in _OTHER_SURFACES:
             raise ShapeError("", f"has a statement `{key}` of a surface that is no polygon, or of another file",
                              line.strip(), "export it as polygons, in one file")

@@ -71,7 +71,10 @@ def read_glb(path: Path, max_facets: int) -> FileMesh:
         turn = slice(None, None, -1 if np.linalg.det(place[:3, :3]) < 0.0 else 1)
         parts.append(replace(mesh, vertices=mesh.vertices @ place[:3, :3].T + place[:3, 3],
                              facets=mesh.facets[:, turn], uv=mesh.uv[:, turn]))
-    return _with_materials(_in_one(parts), materials)
+    made = _with_materials(_in_one(parts), materials)
+    has_colours = any("COLOR_0" in surface["attributes"] for node, _ in drawn for surface in _surfaces(
+        meshes[node["mesh"]])) and bool(made.materials)
+    return replace(made, warnings=("colours of vertices are left out",)) if has_colours else made
 
 
 def pixels_of_images(path: Path) -> int:

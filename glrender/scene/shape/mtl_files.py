@@ -30,7 +30,7 @@ def read_mtl(folder: Path, libraries: list[str], names: list[str]) -> tuple[File
     A material that no library has, or not rightly, is one without a law, which says why.
     """
     tables, faults = {}, []
-    for library in libraries:
+    for library in (name for line in libraries for name in _names(folder, line)):
         try:
             tables = {**_tables(_text(folder, library)), **tables}
         except (OSError, ValueError) as error:
@@ -53,13 +53,21 @@ def read_mtl(folder: Path, libraries: list[str], names: list[str]) -> tuple[File
     return tuple(made)
 
 
+def _names(folder: Path, line: str) -> list[str]:
+    """Names of libraries in a statement: of several, or of one with blanks."""
+    return [line] if Path(line).name == line and (folder / line).is_file() else line.split()
+
+
 def _text(folder: Path, library: str) -> str:
+    library = library.removeprefix("./")
     path = folder / library
     if Path(library).name != library or library in (".", "..") or "\0" in library:
         raise ValueError("must be a bare name: a file in the OBJ's folder")
     # A link must not lead out.
     if path.exists() and path.resolve().parent != folder.resolve():
         raise ValueError("must be a file in the OBJ's folder")
+    if not path.is_file():
+        raise ValueError("is no file in the OBJ's folder")
     if path.stat().st_size > _MAX_BYTES:
         raise ValueError(f"must have at most {_MAX_BYTES} bytes")
     return path.read_bytes().decode("utf-8-sig", errors="replace")
