@@ -17,7 +17,7 @@ from ..base.stopwatch import Clock
 from ..planner import eclipse_samples, error_model
 from ..planner.account import Drawn
 from ..planner.adaptive_samples import frame_error, pixel_errors, pixel_means, plan_refinement
-from ..planner.engine_choice import MOST_FIRST_SAMPLES
+from ..planner.engine_choice import MOST_FACETS_PER_PX, MOST_FIRST_SAMPLES
 from ..planner.error_budget import ECLIPSE_SHARE
 from ..planner.frame_plan import FramePlan
 from ..planner.plan import UNEVEN, WindowPlan
@@ -144,7 +144,7 @@ class IrradiancePass:
             if not math.isfinite(best.error):
                 continue
             # Where areas are known and rays have settled them, rays alone are no better.
-            is_done = window.engine == "coverage" and not window.by_centroids
+            is_done = window.engine == "coverage" and not window.by_centroids and math.isfinite(error)
             if error <= window.budget.tolerance or is_done or time.monotonic() > deadline:
                 break
         return best
@@ -265,6 +265,12 @@ class IrradiancePass:
         if is_eclipsed:
             power = min(power, eclipse_samples.ECLIPSE_POWER)
             error = np.maximum(error, eclipse_samples.pixel_errors(variance, window.samples, window.eclipse_px))
+        # Contrast does not show parts between samples; the areas of facets do.
+        missed = None
+        if self._coverage is not None and facets_per_px <= MOST_FACETS_PER_PX:
+            missed = partial(self._coverage.sampling_errors, window.bodies, list(frame.views), ImageCells(
+                frame.camera, window.bounds_px, (x1 - x0, y1 - y0)))
+            error = np.maximum(error, missed(window.samples), dtype=np.float32)
         now = frame_error(mean, error)
         # Edges of shadows lie where the map's texels put them, however many samples see them.
         edges = now * window.samples**(0.5 * power) * math.sqrt(window.shadow_share)
@@ -293,6 +299,10 @@ class IrradiancePass:
                 np.copyto(mean[tile], pixels, where=mask.astype(bool))
                 clock.lap("readback")
         reached, told = refinement.predicted_error, {}
+        if missed is not None:
+            after = np.where(refinement.mask, np.maximum(
+                error * (window.samples / refinement.samples) ** (0.5 * power), missed(refinement.samples)), error)
+            reached = max(reached, frame_error(mean, after))
         if is_eclipsed:
             # More pixels are lit than the first samples showed.
             count = eclipse_samples.counts(refinement, window.samples)

@@ -137,6 +137,40 @@ def add_facets(changes, xy, corners, neighbours, radiance, first, block, every, 
                              (xy[0, b] - origin[0]) * per_px[0], (xy[1, b] - origin[1]) * per_px[1], step)
 
 
+@compiled(void(_CHANGES, float64, float64, float64, float64, complex128, intp))
+def _take_samples_of_line(changes, x0, y0, x1, y1, step, n):
+    """Take off what a line from (x0, y0) to (x1, y1) changes in cells of n x n samples each."""
+    rows, columns = n * changes.shape[0], n * (changes.shape[1] - 2)
+    if y1 < y0:
+        x0, y0, x1, y1, step = x1, y1, x0, y0, -step
+    if not abs(x0) + abs(x1) + abs(y0) + abs(y1) < _FARTHEST:
+        return
+    slope, each = (x1 - x0) / max(y1 - y0, 1e-300), step / (n * n)
+    for row in range(max(math.ceil(n * y0 - 0.5), 0), min(math.ceil(n * y1 - 0.5), rows)):
+        # The first sample beyond the line.
+        column = max(math.ceil(n * (x0 + ((row + 0.5) / n - y0) * slope) - 0.5), 0)
+        if column < columns:
+            changes[row // n, column // n] -= each * (n - column % n)
+            changes[row // n, column // n + 1] -= each * (column % n)
+
+
+@compiled(void(_CHANGES, read(float64, 2), read(intp, 2), read(int32, 2), read(float64, 1), intp, VECTOR, VECTOR))
+def take_samples(changes, xy, corners, neighbours, radiance, n, origin, per_px):
+    """Take off what n x n samples in each cell meet of facets that have a radiance (F,): `add_facets`."""
+    for facet in range(len(radiance)):
+        here = radiance[facet]
+        if here == 0.0:
+            continue
+        for side in range(3):
+            across = neighbours[side, facet]
+            there = radiance[across] if across >= 0 else 0.0
+            if there == 0.0 or facet < across:
+                a, b = corners[side, facet], corners[(side + 1) % 3, facet]
+                step = complex(here - there, 1.0 if there == 0.0 else 0.0)
+                _take_samples_of_line(changes, (xy[0, a] - origin[0]) * per_px[0], (xy[1, a] - origin[1]) * per_px[1],
+                                      (xy[0, b] - origin[0]) * per_px[0], (xy[1, b] - origin[1]) * per_px[1], step, n)
+
+
 @compiled(void(_CHANGES, read(float64, 2), read(intp, 2, "A"), _VALUES, VECTOR, VECTOR))
 def add_polygons(changes, xy, corners, values, origin, per_px):
     """Add what lines around polygons change in cells: corners (K, N) at places (2, P) [px], values (N,)."""

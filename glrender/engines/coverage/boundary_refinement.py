@@ -35,7 +35,7 @@ _MOST_DIVISIONS = 6
 # Triangles that are too many to be divided again.
 _MANY = 120_000
 # Length of a part over its facet's width [1] up to which corners show what is between them: two layers of ten bars,
-# 1 : 500 to 1 : 50.
+# 1 : 400 to 1 : 50.
 _LONG = 1.5
 
 
@@ -209,8 +209,7 @@ def _are_long(cutter: FacetCutter, parts: FacetParts, width_m: np.ndarray) -> np
 def _halved(cutter: FacetCutter, parts: FacetParts, width_m: np.ndarray) -> FacetParts:
     """Parts, divided across until none is longer than its facet is wide, or they are too many."""
     done, n_parts = [], len(parts.facet)
-    # Halves are half as many as quarters.
-    while n_parts <= 2 * _MANY:
+    while n_parts <= _MANY:
         is_long = _are_long(cutter, parts, width_m)
         if not is_long.any():
             break

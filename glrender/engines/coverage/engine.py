@@ -30,6 +30,7 @@ from .corner_visibility import look
 from .coverage_image import CoverageImage, LookedAt, overlapping, squared_errors
 from .facet_tables import FacetTables
 from .image_cells import ImageCells
+from .sampling import sampling_errors
 from .sub_triangles import projected
 from .sunlit_error import NOTHING_DRAWN, CoverageError, ErrorScale
 
@@ -131,10 +132,26 @@ class CoverageEngine:
 
         None where a body is not drawn by coverage, or is not wholly before the camera.
         """
+        members = self._members(names, views)
+        return None if members is None else _may_be_lit(members, cells, self._scene.sun_disc)
+
+    def sampling_errors(self, names: Sequence[str], views: list[BodyView], cells: ImageCells, count: int
+                        ) -> np.ndarray:
+        """Errors (rows, columns) [W/m2 per pixel] of count x count samples in each cell: `sampling.sampling_errors`.
+
+        None are known behind a lens, and of bodies that coverage does not draw.
+        """
+        members = self._members(names, views)
+        if members is None or cells.camera.lens_map is not None:
+            return np.zeros(cells.shape)
+        return sampling_errors(members, cells, count, self._scene.solar_irradiance_of(cells.camera))
+
+    def _members(self, names: Sequence[str], views: list[BodyView]) -> list[tuple[FacetTables, BodyView]] | None:
+        """Tables and views of bodies that are seen, all of which coverage may draw, or None."""
         members = [view for view in views if view.name in names and view.is_visible]
         if any(view.name not in self._facets or view.bounds_px is None for view in members):
             return None
-        return _may_be_lit([(self._facets[view.name], view) for view in members], cells, self._scene.sun_disc)
+        return [(self._facets[view.name], view) for view in members]
 
     def _look(self, names: Sequence[str], views: list[BodyView], cells: ImageCells, budget: Budget, has_disc: bool
               ) -> LookedAt:

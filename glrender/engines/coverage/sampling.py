@@ -1,0 +1,46 @@
+"""The error of an image's samples, by the exact areas of the facets that they meet."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from ...view.view import BodyView
+from . import accumulate, facet_loops, outlines
+from .facet_radiance import FacetRadiance
+from .facet_tables import FacetTables
+from .image_cells import ImageCells
+from .sub_triangles import projected
+
+
+def sampling_errors(bodies: Iterable[tuple[FacetTables, BodyView]], cells: ImageCells, count: int, solar_W_m2: float
+                    ) -> np.ndarray:
+    """Light (rows, columns) [W/m2 per pixel] by which count x count samples in each cell differ from exact areas.
+
+    Parts narrower than a sample, and edges along the samples' rows, show in it. It is the light of all facets that
+    face camera and Sun, also of those that others hide or shade.
+
+    Parameters
+    ----------
+    bodies : iterable of (FacetTables, BodyView)
+        All of each before the camera, which has no lens.
+    cells : ImageCells
+    count : int
+    solar_W_m2 : float [W/m2]
+        Irradiance of the Sun at 1 au.
+    """
+    changes, camera = accumulate.no_changes(cells.shape), cells.camera
+    for facets, view in bodies:
+        xy_px, radiance = projected(facets.vertices_m, view, camera), np.zeros(facets.n_facets)
+        facing, cosines, *_ = facet_loops.facing(
+            facets.normal, facets.offset_m, 0, facets.n_facets, view.sun_direction_body, 0.0, view.r_camera_body_m,
+            xy_px, facets.corners, cells.bounds_px)
+        radiance[facing] = FacetRadiance(facets, view, facing, cosines).of(facing)
+        outlines.add_facets(changes, cells, facets, view, xy_px, radiance)
+        accumulate.take_samples(changes, xy_px, facets.corners, facets.neighbours, radiance, count, cells.origin_px,
+                                cells.per_px)
+    error, cover = np.empty((2, *cells.shape))
+    accumulate.means(changes, 0, len(error), error, cover)
+    across, down = cells.tangents_squared
+    return np.abs(error) * (solar_W_m2 / camera.focal_length_px**2) * (1.0 + across + down[:, None]) ** -1.5

@@ -1,0 +1,66 @@
+"""The error of samples by exact areas: of bars narrower than a sample, by closed form."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import solids
+import views
+from glrender import Body, Renderer
+from glrender.base.constants import AU_M
+from glrender.brdf import Lambert
+from glrender.engines.coverage.facet_tables import FacetTables
+from glrender.engines.coverage.image_cells import ImageCells
+from glrender.engines.coverage.sampling import sampling_errors
+from glrender.engines.rays.engine import RayEngine
+from glrender.view.view import view_bodies
+
+RANGE_M, LENGTH_PX, SIDE_PX = 1e6, 30.3, 48
+LIGHT = views.SOLAR_IRRADIANCE_W_M2 * 0.3 / np.pi * np.cos(0.5) / RANGE_M**2
+
+
+def bar(wide_px, middle_px):
+    """A bar along the image's rows, a metre to a pixel, with its scene and state and its areas (rows, columns)."""
+    edges = [np.array([-0.5, 0.5]) * size + middle for size, middle in ((LENGTH_PX, 0.2), (wide_px, middle_px))]
+    camera = views.camera(SIDE_PX, RANGE_M)
+    at = views.state(direction=(0.0, 0.0, 1.0), range_m=RANGE_M)
+    from_body = view_bodies(at, camera, views.scene([views.sphere(Lambert(normal_albedo=0.3), 0)], [camera]).hulls)[0]
+    turn = from_body.camera_from_body
+    low, high = (np.array([edges[0][k], edges[1][k], 0.0]) for k in range(2))
+    vertices, facets = solids.box((low[0], low[1], 0.0), (high[0], high[1], 1.0))
+    # The box is laid out in the camera's axes, its near side at z = 0.
+    shape = type(solids.slab()).from_arrays(vertices @ turn, facets)
+    scene = views.scene([Body(name="body", shape=shape, brdf=Lambert(normal_albedo=0.3))], [camera], sun_disc=False)
+    state = replace(at, r_sun_inertial_m=AU_M * np.array([0.0, np.sin(0.5), np.cos(0.5)]))
+    pixel = np.arange(SIDE_PX) - 0.5 * (SIDE_PX - 1)
+    across, down = (np.maximum(np.minimum(end[1], pixel + 0.5) - np.maximum(end[0], pixel - 0.5), 0.0)
+                    for end in edges)
+    return scene, state, down[:, None] * across
+
+
+@pytest.mark.parametrize("count", [1, 2, 5])
+def test_samples_differ_from_areas_by_what_they_miss(count):
+    """Of a bar of 0.37 px: its areas, less those of the samples that are in it."""
+    scene, state, area = bar(0.37, 0.1)
+    body, = scene.bodies
+    seen = view_bodies(state, scene.cameras[0], scene.hulls)
+    cells = ImageCells(scene.cameras[0], scene.cameras[0].bounds_px, (SIDE_PX, SIDE_PX))
+    tables = FacetTables(body, RayEngine(scene).solid("body"))
+    found = sampling_errors([(tables, seen[0])], cells, count, scene.solar_irradiance_1au_W_m2)
+    place = (np.arange(SIDE_PX * count) + 0.5) / count - 0.5 * SIDE_PX
+    is_in = (np.abs(place - 0.1) < 0.185)[:, None] & (np.abs(place - 0.2) < 0.5 * LENGTH_PX)
+    sampled = is_in.reshape(SIDE_PX, count, SIDE_PX, count).mean(axis=(1, 3))
+    np.testing.assert_allclose(found / LIGHT, np.abs(area - sampled), atol=1e-3)
+
+
+@pytest.mark.parametrize("engine", ["rays", "raster"])
+@pytest.mark.parametrize("wide_px", [0.3, 0.1])
+def test_a_bar_narrower_than_samples_is_found_or_its_error_predicted(engine, wide_px):
+    """It is between the rows of 2 x 2 samples; the prediction is over the mean of the drawn light, which errs too."""
+    scene, state, area = bar(wide_px, 0.52)
+    with Renderer(scene) as renderer:
+        image = renderer.render(state, engine=engine, max_error=0.02)
+    error = views.relative_rms(image.irradiance_W_m2.astype(float), LIGHT * area)
+    assert error <= 1.4 * image.plan.predicted_error
