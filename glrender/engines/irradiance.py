@@ -44,6 +44,8 @@ _MAX_WINDOW_SAMPLES = 16_777_216
 _FIRST_RAYS = 3e5
 # Side [px] of the parts of an image that are passed over where nothing faces both.
 _FACING_TILE_PX = 32
+# Error of a frame by facets' areas over that by contrast [1] from which samples pass parts by: of natural shapes 1.
+_MUCH_LARGER = 1.5
 # Samples along the side of a part that OpenGL draws behind a lens: it draws three times as many, and more.
 _LENS_TILE = 1024
 
@@ -265,12 +267,13 @@ class IrradiancePass:
         if is_eclipsed:
             power = min(power, eclipse_samples.ECLIPSE_POWER)
             error = np.maximum(error, eclipse_samples.pixel_errors(variance, window.samples, window.eclipse_px))
-        # Contrast does not show parts between samples; the areas of facets do.
         missed = None
         if self._coverage is not None and facets_per_px <= MOST_FACETS_PER_PX:
-            missed = partial(self._coverage.sampling_errors, window.bodies, list(frame.views), ImageCells(
+            by_areas = partial(self._coverage.sampling_errors, window.bodies, list(frame.views), ImageCells(
                 frame.camera, window.bounds_px, (x1 - x0, y1 - y0)))
-            error = np.maximum(error, missed(window.samples), dtype=np.float32)
+            of_areas = by_areas(window.samples)
+            if frame_error(mean, of_areas) > _MUCH_LARGER * frame_error(mean, error):
+                error, missed = np.maximum(error, of_areas, dtype=np.float32), by_areas
         now = frame_error(mean, error)
         # Edges of shadows lie where the map's texels put them, however many samples see them.
         edges = now * window.samples**(0.5 * power) * math.sqrt(window.shadow_share)
