@@ -148,9 +148,11 @@ def test_a_part_of_a_body_in_the_image_has_the_whole_ones_derivatives():
             np.testing.assert_allclose(found / largest, expected / largest, atol=1e-5)
 
 
-def test_a_frame_is_the_same_with_derivatives():
+def test_a_frame_is_the_same_with_derivatives_and_they_the_same_again():
     with Renderer(views.scene([BODY], [CAMERA], sun_disc=False)) as renderer:
-        alone = renderer.render(STATE)
+        alone, again = renderer.render(STATE), renderer.render(STATE, derivatives=COUNTS)
+    for name in COUNTS:
+        np.testing.assert_array_equal(again.jacobian[name], drawn(*COUNTS).jacobian[name])
     assert alone.jacobian is None and "jacobian_error" not in alone.plan.to_dict()
     np.testing.assert_array_equal(alone.irradiance_W_m2, drawn(*COUNTS).irradiance_W_m2)
 
