@@ -165,11 +165,15 @@ def _why_dark(scene: Scene, state: State, camera: PinholeCamera, in_view: Sequen
             f"nothing of the bodies is in the region {list(map(int, region))} px; the outline of {name} is within "
             f"{_box_text(middle)}"))]
     phase_deg = math.degrees(middle.phase_rad)
+    if not scene.lamps and any(body.shape.inside for body in scene.bodies if body.name == middle.name):
+        return [Advice("dark", "lamps", f"no sunlight is on the inside of {name}; give the scene a lamp")]
     if phase_deg > 90.0 and not scene.lamps:
         return [_night_side(name, phase_deg)]
+    beyond = "out of the lamps' cones, " if scene.lamps else ""
     return [Advice("dark", f"state.bodies.{name}", (
         f"nothing that is in view of {name} is lit, at a phase of {phase_deg:.3g} deg: it may be in shadow, its own or "
-        "another body's, between its parts where the camera looks past it along its +Z, or have an albedo of 0"))]
+        f"another body's, {beyond}between its parts where the camera looks past it along its +Z, or have an albedo of "
+        "0"))]
 
 
 def _cos_off_axis(view: BodyView) -> float:

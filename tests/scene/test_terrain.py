@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import sys
 import tomllib
 from pathlib import Path
 
@@ -168,6 +169,9 @@ def test_a_globe_is_closed(tmp_path, crs, left_deg, middle_deg, per_deg):
     assert len(ground.facets) == 30_000 and not ground.r_site_planet_m.any()
     np.testing.assert_allclose(radius_m - MOON_M, bulge(lon, lat), atol=40.0)
     assert ground.report.volume_m3 > 0.0
+    # At a pole, and where the map begins: no hole.
+    for site in ([40.0, -90.0], [left_deg, 12.0]):
+        assert patch(path, site_deg=site, rings=[[2e5, 2e4]]).report.n_open_edges == 80
 
 
 def test_numbers_of_a_band_become_metres(tmp_path):
@@ -209,6 +213,24 @@ def test_a_whole_map_that_goes_not_round(files):
         assert (np.einsum("ij,ij->i", normals, outward) > 0.0).all()
 
 
+def test_maps_that_are_turned_or_mirrored_face_up(tmp_path):
+    """A whole map whose rows run north, east or askew: outward facets at their places."""
+    n, on = 60, f"+proj=tmerc +lon_0=3.63 +R={MOON_M}"
+    x0, y0 = 0.0, MOON_M * np.radians(26.13)
+    for steps in ((10.0, 0.0, 0.0, 10.0), (0.0, 10.0, 10.0, 0.0), (8.0, 6.0, 6.0, -8.0), (-10.0, 0.0, 0.0, 10.0)):
+        a, b, d, e = steps
+        at = rasterio().Affine(a, b, x0 - 0.5 * n * (a + b), d, e, y0 - 0.5 * n * (d + e))
+        with rasterio().open(tmp_path / "turned.tif", "w", driver="GTiff", width=n, height=n, count=1, dtype="float32",
+                             crs=rasterio().CRS.from_string(on), transform=at) as made:
+            made.write(np.fromfunction(lambda row, column: row + 0.5 * column, (n, n)).astype(np.float32), 1)
+        ground = patch(tmp_path / "turned.tif", site_deg=APOLLO)
+        assert (ground.facet_normals[:, 2] > 0.5).all() and len(ground.facets) == 2 * 59**2
+        # The height rises by 1 m a row and 0.5 m a column.
+        rise = np.linalg.solve(np.array([[a, d], [b, e]]), [0.5, 1.0])
+        np.testing.assert_allclose(np.polynomial.polynomial.polyval2d(
+            *ground.vertices_m[:, :2].T, np.array([[0.0, rise[1]], [rise[0], 0.0]])), ground.vertices_m[:, 2], atol=0.3)
+
+
 def test_ground_without_data_is_a_hole_and_is_reported(tmp_path, caplog):
     """How much of it, in the report and in the log: data that is missing, and ground off the map."""
     n = 200
@@ -246,6 +268,7 @@ def test_ground_without_data_is_a_hole_and_is_reported(tmp_path, caplog):
     ({"site_deg": APOLLO, "rings": [[30_000.0, 10.0]]}, "rings: must make at most 20000000 facets, got 72000000; set "
      "posts farther apart"),
     ({"site_deg": APOLLO, "rings": [[2e6, 5e4]]}, "rings: must end within 1.7374e.06 m, the datum's.*leave rings out"),
+    ({"site_deg": (3.63, 89.0)}, "site_deg: must be where"),
     ({"facets": 0}, "facets: must be an integer between 100 and 20000000")])
 def test_what_breaks_a_rule_is_refused_with_a_way_out(files, options, message):
     with pytest.raises(ConfigError, match=f"^{message}"):
@@ -279,6 +302,12 @@ def test_maps_that_are_none_are_refused(tmp_path):
             patch(path)
     with pytest.raises(ConfigError, match="^site_deg: must be where the map"):
         patch(wrong["none.tif"][0], site_deg=(10.0, 10.0))
+
+
+def test_a_missing_rasterio_is_said(files, monkeypatch):
+    monkeypatch.setitem(sys.modules, "rasterio.warp", None)
+    with pytest.raises(ConfigError, match=r"^heights: needs rasterio.*; pip install .glrender\[terrain\]"):
+        patch(files / "plane.tif")
 
 
 def test_an_orthophoto_is_the_albedo(tmp_path, files):

@@ -21,6 +21,7 @@ _METRES = {"": 1.0, "m": 1.0, "metre": 1.0, "meter": 1.0, "km": 1000.0}
 _ROUND = np.array([[0.0, 1.0, 45.0, 46.0, 90.0], [0.0, 0.0, 60.0, 60.0, -30.0]])
 # Pixels that are read in a turn, of some 20 bytes, and the most of a map.
 _PX_AT_ONCE, _MOST_PX = 1 << 23, 1 << 33
+_MIDDLE_AND_CORNERS = np.array([[0.5, 0.0, 0.0, 1.0, 1.0], [0.5, 0.0, 1.0, 0.0, 1.0]])
 # Distance off the map [px], and weight of a pixel [1], that count as none.
 _NONE = 1e-6
 
@@ -34,8 +35,8 @@ class Map:
         Rows and columns.
     radii_m : (float, float) [m]
         Of its datum, at the equator and at the pole.
-    is_round : bool
-        Whether its columns go round the planet.
+    is_round, is_mirrored : bool
+        Whether its columns go round the planet; whether north is down where east is right.
     """
 
     def __init__(self, source: Any, field: str, rasterio: Any):
@@ -50,7 +51,7 @@ class Map:
         self.radii_m = a_m, a_m * (1.0 - 1.0 / inverse_flattening) if inverse_flattening else a_m
         self._degrees = rasterio.crs.CRS.from_proj4("+proj=longlat +a={!r} +b={!r} +no_defs".format(*self.radii_m))
         self._turn_px = self._columns_of_a_turn()
-        self.is_round = 0.0 < self._turn_px < source.width + 0.5
+        self.is_round, self.is_mirrored = 0.0 < self._turn_px < source.width + 0.5, np.linalg.det(self._steps) > 0.0
 
     def _columns_of_a_turn(self) -> float:
         """Columns [px] of 360 deg; 0 of a projection without equal steps of longitude."""
@@ -85,12 +86,15 @@ class Map:
     @property
     def reach(self) -> str:
         """The longitudes and latitudes of its corners, in words."""
-        lon, lat = self.degrees(np.array([[0, 0, 1, 1], [0, 1, 0, 1]]) * np.array([self.shape[::-1]]).T - 0.5)
-        return f"{lon.min():.6g} to {lon.max():.6g} deg east, {lat.min():.6g} to {lat.max():.6g} deg north"
+        lon, lat = self.degrees(_MIDDLE_AND_CORNERS * np.array([self.shape[::-1]]).T - 0.5)
+        lon = lon[0] + (lon - lon[0] + 180.0) % 360.0 - 180.0
+        east = lon.max() + 180.0 * self.is_round
+        return f"{lon.min():.6g} to {east:.6g} deg east, {lat.min():.6g} to {lat.max():.6g} deg north"
 
     def has(self, pixel: np.ndarray) -> np.ndarray:
-        """Whether columns and rows (2, N) [px] are within the outer edges of its pixels: (N,) bool."""
-        return (np.abs(pixel + 0.5 - (half := 0.5 * np.array([self.shape[::-1]]).T)) <= half + _NONE).all(axis=0)
+        """Whether columns and rows (2, N) [px] are on it: (N,) bool; for the poles a pixel off, where it is round."""
+        half, more = 0.5 * np.array([self.shape[::-1]]).T, np.array([[_NONE], [self.is_round + _NONE]])
+        return (np.abs(pixel + 0.5 - half) <= half + more).all(axis=0)
 
     def heights_m(self, pixel: np.ndarray) -> np.ndarray:
         """Heights (N,) float64 [m] above the datum at columns and rows (2, N) [px], bilinear; NaN where it has none."""
@@ -120,10 +124,7 @@ class Map:
         return _METRES[unit] * (found * source.scales[0] + source.offsets[0])
 
     def grey(self, pixel: np.ndarray, most_px: int) -> tuple[np.ndarray, np.ndarray]:
-        """Grey values (H, W) float64 over their full scale around columns and rows (2, N) [px]; NaN for no data.
-
-        With the columns and rows (2, N) of the places there; the mean of the first three bands, if there are as many.
-        """
+        """Grey values (H, W) over their full scale around columns and rows (2, N) [px], NaN for none; these in it."""
         if not (on := self.has(pixel)).any():
             raise ShapeError(self._field, "must show some of the ground", self._source.name, "its edges are elsewhere")
         begin = np.maximum(pixel[:, on].min(axis=1).astype(int), 0)
@@ -154,8 +155,7 @@ def opened(path: Path, field: str) -> Iterator[Map]:
         with source:
             yield Map(source, field, rasterio)
     except ImportError:
-        raise ShapeError(field, "a GeoTIFF needs rasterio, which is not installed",
-                         hint="pip install \"glrender[terrain]\"") from None
+        raise ShapeError(field, "needs rasterio, which is missing", hint="pip install \"glrender[terrain]\"") from None
     except rasterio.errors.RasterioError as error:
         raise ShapeError(field, f"is no readable GeoTIFF: {error}", str(path),
                          "it may be cut off, or of another format, of which gdal_translate makes a GeoTIFF") from None

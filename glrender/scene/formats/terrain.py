@@ -150,7 +150,7 @@ def _whole(heights: Map, n_facets: int) -> tuple[np.ndarray, np.ndarray]:
         return degrees_towards(direction, heights.radii_m), facets
     coarser = max(math.sqrt(2.0 * math.prod(n - 1 for n in heights.shape) / n_facets), 1.0)
     down, across = (np.linspace(0.0, n - 1.0, max(round((n - 1) / coarser), 1) + 1) for n in heights.shape)
-    pixel = np.stack(np.meshgrid(across, down[::-1], indexing="ij"))
+    pixel = np.stack(np.meshgrid(across, down[::1 if heights.is_mirrored else -1], indexing="ij"))
     return heights.degrees(pixel.reshape(2, -1)), cells(np.arange(pixel[0].size).reshape(pixel.shape[1:]))
 
 

@@ -187,6 +187,18 @@ def test_a_body_shades_another_from_a_lamp_aside():
     assert shaded < 1e-4 * free
 
 
+def test_a_dark_room_is_warned_of_its_lamps():
+    """Without a lamp, and out of its cone: never the Sun's place."""
+    room = Shape.from_arrays(*room_with_pillar(), inside=True)
+    away = Lamp(name="a", intensity_W_sr=1.0, direction=[0.0, 0.0, -1.0], half_angle_deg=10.0)
+    for lamps, path, text in (((), "lamps", "no sunlight is on the inside of room; give the scene a lamp"),
+                              ((away,), "state.bodies.room", "out of the lamps' cones, ")):
+        with Renderer(scene(room, *lamps)) as renderer:
+            image = renderer.render(state())
+        (found,) = image.warnings
+        assert not image.irradiance_W_m2.any() and (found.code, found.path) == ("dark", path) and text in found.message
+
+
 def test_a_room_of_two_materials(tmp_path):
     """The pillar's facets have a law of their own: as if all were one body, and one sentence on light between walls."""
     vertices, facets = room_with_pillar()
