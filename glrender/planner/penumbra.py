@@ -52,6 +52,9 @@ class Penumbra:
     """Width of the widest that another body casts on it, no wider than that body."""
     eclipse_px: float = 0.0
     """The same, however small that body: the Sun's angle times the distance."""
+    annular_error: float = 0.0
+    """The part of `hard_error` by bodies that nowhere hide all of the Sun: a small dark shadow in place of a faint wide
+    one, which may pass between the corners of facets."""
     left: float = 1.0
     """Share of the light in view that other bodies leave, all being spheres."""
 
@@ -62,7 +65,8 @@ class Penumbra:
 
     def surrounds(self, size_px: float, budget: Budget) -> bool:
         """Whether another body's penumbra sharpens no edge on a body of that size, or ends outside it."""
-        return self.cast_px > _WITHIN * size_px or self.hard_flux > PENUMBRA_SHARE * budget.flux
+        return (self.cast_px > _WITHIN * size_px or self.hard_flux > PENUMBRA_SHARE * budget.flux
+                or self.annular_error > PENUMBRA_SHARE * budget.tolerance)
 
     def sampled_px(self, size_px: float) -> float:
         """Width [px] of another body's penumbra on a body of that size, by whose noise rays err; 0 for an edge."""
@@ -93,10 +97,10 @@ def penumbra_of(view: BodyView, cast: Sequence[tuple[str, np.ndarray]], hulls: M
     own, own_px = (0.0, 0.0) if hulls[view.name].is_convex and is_whole else _own(view)
     if not cast:
         return Penumbra(hard_error=own, own_px=own_px)
-    error, cast_px = _cast(view, cast, hulls, sun_radius_rad)
+    error, annular_error, cast_px = _cast(view, cast, hulls, sun_radius_rad)
     left, hard_flux, width_m = _eclipse(view, cast, hulls, sun_radius_rad)
     return Penumbra(hard_error=math.hypot(own, error), own_px=own_px, cast_px=cast_px, hard_flux=hard_flux,
-                    eclipse_px=width_m / view.footprint_m, left=left)
+                    eclipse_px=width_m / view.footprint_m, annular_error=annular_error, left=left)
 
 
 def sun_points(error: float, tolerance: float) -> tuple[int, float]:
@@ -119,22 +123,24 @@ def _own(view: BodyView) -> tuple[float, float]:
 
 
 def _cast(receiver: BodyView, cast: Sequence[tuple[str, np.ndarray]], hulls: Mapping[str, Hull],
-          sun_radius_rad: float) -> tuple[float, float]:
+          sun_radius_rad: float) -> tuple[float, float, float]:
     """RMS error [1] of hard edges in place of the casters' penumbras, over the mean of the lit pixels; widest [px].
 
-    Each edge is taken to be as long as the outline of the smaller body, and the receiver to be lit as a sphere is.
+    Between them the same error of casters that nowhere hide all of the Sun. Each edge is taken to be as long as the
+    outline of the smaller body, and the receiver to be lit as a sphere is.
     """
-    squared = widest_px = 0.0
+    squared = annular = widest_px = 0.0
     radius_px = hulls[receiver.name].radius_m / receiver.footprint_m
     for name, receiver_from_caster in cast:
         sunward_m = max(float(receiver_from_caster[:3, 3] @ receiver.sun_direction_body), 0.0)
         caster_px = hulls[name].radius_m / receiver.footprint_m
-        wide_px = min(2.0 * sun_radius_rad * sunward_m / receiver.footprint_m, 2.0 * max(caster_px, 1e-9))
-        edge_px = 2.0 * math.pi * min(caster_px, radius_px)
-        squared += _HARD_EDGE**2 * edge_px * wide_px * min(wide_px, 1.0) ** 2 / 12.0
+        eclipse_px, caster_wide_px = 2.0 * sun_radius_rad * sunward_m / receiver.footprint_m, 2.0 * max(caster_px, 1e-9)
+        wide_px, edge_px = min(eclipse_px, caster_wide_px), 2.0 * math.pi * min(caster_px, radius_px)
+        of_caster = _HARD_EDGE**2 * edge_px * wide_px * min(wide_px, 1.0) ** 2 / 12.0
+        squared, annular = squared + of_caster, annular + of_caster * (eclipse_px > caster_wide_px)
         widest_px = max(widest_px, wide_px)
     lit_px = 0.5 * math.pi * radius_px**2 * (1.0 + math.cos(receiver.phase_rad))
-    return min(math.sqrt(squared / max(lit_px, 1e-9)), 1.0), widest_px
+    return *(min(math.sqrt(each / max(lit_px, 1e-9)), 1.0) for each in (squared, annular)), widest_px
 
 
 def _eclipse(receiver: BodyView, cast: Sequence[tuple[str, np.ndarray]], hulls: Mapping[str, Hull],
