@@ -7,7 +7,15 @@ import math
 import numpy as np
 import pytest
 from glrender.engines.coverage import sunlit_error
-from glrender.engines.coverage.sunlit_error import CLIPPED_ERROR, ErrorScale, low_sun, pixels_squared, safety_squared
+from glrender.engines.coverage.coverage_image import CoverageImage
+from glrender.engines.coverage.sunlit_error import (
+    CLIPPED_ERROR,
+    CoverageError,
+    ErrorScale,
+    low_sun,
+    pixels_squared,
+    safety_squared,
+)
 
 SUN_RAD = 0.0047
 
@@ -74,3 +82,25 @@ def test_more_is_missed_between_corners_the_rougher_and_the_lower_the_sun(crease
     at = [sunlit_error.missed(1.0, crease_rad, math.radians(phase_deg)) for phase_deg in (20.0, 60.0, 120.0)]
     assert at[0] == pytest.approx(at[1]) and at[2] == pytest.approx(3.0 * at[1])
     assert at[1] == pytest.approx(max(crease_rad, 0.2) / 0.2 * sunlit_error.missed(1.0, 0.0, 1.0))
+
+
+def test_a_body_between_corners_takes_a_fair_share_of_the_brightest_facet():
+    """A disc that fills an equilateral triangle has pi / (3 root 3) of it; all smaller radii are as frequent."""
+    largest = math.pi / (3.0 * math.sqrt(3.0))
+    fair = largest**2 * np.mean(np.linspace(0.0, 1.0, 1001) ** 4)
+    assert fair < sunlit_error.missed_behind(np.array([1.0, 0.5])) < 2.0 * fair
+    assert sunlit_error.missed_behind(np.zeros(0)) == 0.0
+
+
+@pytest.mark.parametrize("share, times", [(0.82, 1.0), (0.78, 1.0 / 0.78), (0.2, 5.0)])
+def test_an_image_with_much_less_light_than_its_corners_promise_errs_over_its_own(share, times):
+    scale = ErrorScale(light=10.0, n_px=100.0, phase_rad=1.0, flux_share=0.1)
+    image = CoverageImage(means=np.full((2, 2), 2.5 * share), error=CoverageError(0.01, 0.02), scales=(scale, scale))
+    assert image.by_its_light().error == pytest.approx((0.01 * times, 0.02 * times))
+
+
+def test_the_safety_of_a_thousand_triangles_is_no_more_than_their_scatter_asks_for():
+    """Shares of light that are wrong as above: 95 % of the sums are within, and a third of them near."""
+    wrong = CLIPPED_ERROR * np.random.default_rng(6).standard_t(4.0, (2000, 1000)) ** 2 / 2.0
+    ratio = np.minimum(wrong, 0.25).sum(axis=1) / (CLIPPED_ERROR * safety_squared(np.ones(1000)) * 1000)
+    assert 0.35 < np.percentile(ratio, 95) <= 1.0
