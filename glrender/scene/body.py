@@ -13,7 +13,7 @@ import numpy as np
 from glrender_camera.validate import did_you_mean, name_of, positive
 
 from ..base.errors import ConfigError, error_path
-from ..brdf import Law
+from ..brdf import Lambert, Law, Microfacet
 from .detail.config import Detail
 from .detail.height_field import Relief
 from .shape.convex_hull import Hull
@@ -144,19 +144,30 @@ class Body:
 
     @cached_property
     def parts(self) -> tuple[Body, ...]:
-        """Parts of one material each, which share the body's pose: itself where it has one law."""
+        """Parts of one look each, which share the body's pose: itself where it has one law."""
         if self.materials is None:
             return (self,)
-        return tuple(self._part(number) for number in np.unique(self.shape.material))
+        return tuple(self._part(number) for number in np.unique(self._looks))
+
+    @cached_property
+    def _looks(self) -> np.ndarray:
+        """Number (F,) of the first material that each facet looks like: engines' cost grows with their parts."""
+        first, same = {}, np.arange(len(self.shape.materials))
+        for number in np.unique(self.shape.material):
+            material = self.shape.materials[number]
+            law = self.materials[material.name]
+            if material.image is None and isinstance(law, Lambert | Microfacet):
+                same[number] = first.setdefault(law, number)
+        return same[self.shape.material]
 
     def facets_of(self, part: Body) -> np.ndarray:
         """Numbers (F,) of the facets of one of its parts."""
         if part is self:
             return np.arange(len(self.shape.facets))
-        return np.flatnonzero(self.shape.material == int(part.name.rpartition(PART)[2]))
+        return np.flatnonzero(self._looks == int(part.name.rpartition(PART)[2]))
 
     def _part(self, number: int) -> Body:
-        material, shape = self.shape.materials[number], self.shape.part(self.shape.material == number)
+        material, shape = self.shape.materials[number], self.shape.part(self._looks == number)
         with error_path(f"materials.{material.name}"):
             if (image := material.albedo_map) is not None:
                 image, uv = repeated(image, shape.uv)
@@ -165,7 +176,7 @@ class Body:
         # No caller's body has such a name.
         object.__setattr__(made, "name", f"{self.name}{PART}{number}")
         if self.smooth_normals:
-            used = np.unique(self.shape.facets[self.shape.material == number])
+            used = np.unique(self.shape.facets[self._looks == number])
             vars(made.shape)["vertex_normals"] = self.shape.vertex_normals[used]
         return made
 

@@ -65,6 +65,19 @@ def test_each_facet_has_its_material(tmp_path):
                                       body.shape.vertices_m[body.shape.facets[own]])
 
 
+def test_materials_that_look_the_same_are_one_part(tmp_path):
+    """But not those with images, and not where another law is given for one."""
+    given = [*(material(name, grey) for name, grey in (("a", 0.5), ("b", 0.2), ("c", 0.5))),
+             material("d", 0.5, baseColorTexture={"index": 0})]
+    path = glb(tmp_path / "a.glb", [sheet(k, at(2 * k, 0, 0), SHEET_UV) for k in range(4)], given,
+               [png(np.full((2, 2), 99, np.uint8))])
+    body = opened(path)
+    assert list(body.materials) == ["a", "b", "c", "d"]
+    assert [len(part.shape.facets) for part in body.parts] == [4, 2, 2]
+    assert sorted(np.concatenate([body.facets_of(part) for part in body.parts])) == list(range(8))
+    assert len(opened(path, materials={"c": GREY}).parts) == 4
+
+
 def test_laws_are_replaced_by_name(tmp_path):
     given = opened(three(tmp_path), materials={"cells": GREY}).materials
     assert given["cells"] == GREY and isinstance(given["gold"], Microfacet)

@@ -7,8 +7,10 @@ the OpenGL passes.
 from __future__ import annotations
 
 import math
+import operator
 import threading
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -16,6 +18,7 @@ import numpy as np
 from glrender_camera import PinholeCamera, threads
 
 from ...base.rotations import sun_from_body
+from ...scene.body import owner
 from ...scene.lamp import ALL_ROUND_DEG, Lamp
 from ...scene.scene import Body, Scene
 from ...scene.shape.facet_blocks import FacetBlocks
@@ -73,6 +76,11 @@ class RayEngine:
     def __init__(self, scene: Scene):
         self.scene = scene
         self._solids = {body.name: _Solid(body) for body in scene.bodies}
+        self._bodies_of_parts = {}
+        for name in {owner(body.name): None for body in scene.bodies if owner(body.name) != body.name}:
+            parts = [self._solids[body.name] for body in scene.bodies if owner(body.name) == name]
+            self._bodies_of_parts[name] = _in_one(parts)
+        self._blockers_of: tuple[tuple[BodyView, ...], list[BodyView]] = ((), [])
         self._near: dict[str, NearMesh] = {}
         self._lock = threading.Lock()
 
@@ -88,6 +96,7 @@ class RayEngine:
     def close(self) -> None:
         """Release the acceleration structures."""
         self._solids.clear()
+        self._bodies_of_parts.clear()
         self._near.clear()
 
     def irradiance(self, pixel: np.ndarray, camera: PinholeCamera, views: list[BodyView],
@@ -205,7 +214,7 @@ class RayEngine:
         """Distances (N,) [m] from points (3, N) [m] of facets (N,) to what is nearest in directions (3, N or 1)."""
         found, own = np.full(len(facet), np.inf), self._mesh(view)
         above = r_body_m + own.lift_m(r_body_m, facet, LIFT) * own.normals.take(facet, axis=0).T
-        for other in views:
+        for other in self._blockers(views):
             turn, shift_m = between(view, other)
             rays = np.broadcast_to(turn @ towards, above.shape)
             hits = self._mesh(other).first(turn @ above + shift_m[:, None], rays, sides)
@@ -323,9 +332,25 @@ class RayEngine:
             nearest[place], body[place] = hits.distance_m[nearer], index
         return [(index, hits.at(np.flatnonzero(body[hits.place] == index))) for index, hits in met]
 
+    def _blockers(self, views: Sequence[BodyView]) -> Sequence[BodyView]:
+        """Views of what may be in a ray's way: of a body of parts the whole, met once, by its finest view."""
+        if not self._bodies_of_parts:
+            return views
+        known, made = self._blockers_of
+        if len(known) == len(views) and all(map(operator.is_, known, views)):
+            return made
+        by_name: dict[str, BodyView] = {}
+        for view in views:
+            name = owner(view.name)
+            if name not in by_name or view.footprint_m < by_name[name].footprint_m:
+                by_name[name] = view if name == view.name else replace(view, name=name)
+        made = list(by_name.values())
+        self._blockers_of = tuple(views), made
+        return made
+
     def _mesh(self, view: BodyView) -> RayMesh:
         """A body's full shape, for a camera so near that its own float32 coordinates may be too coarse for pixels."""
-        solid = self._solids[view.name]
+        solid = self._solids.get(view.name) or self._bodies_of_parts[view.name]
         if view.footprint_m > FINE_FOOTPRINT * solid.radius_m:
             return solid
         focal_length_px = view.depth_m[0] / view.footprint_m
@@ -345,7 +370,7 @@ class RayEngine:
         (N,). Other bodies may touch it.
         """
         is_free = np.ones(above.shape[1], bool)
-        for other in views:
+        for other in self._blockers(views):
             is_own = other is view
             rest = np.flatnonzero(is_free & ~is_open if is_own and is_open is not None else is_free)
             rotation, offset = between(view, other)
@@ -357,6 +382,13 @@ class RayEngine:
             is_free[rest] = ~self._mesh(other).blocks(
                 place.T, direction.T, reach_m if len(reach_m) == 1 else reach_m.take(rest), sides)
         return is_free
+
+
+def _in_one(parts: Sequence[RayMesh]) -> RayMesh:
+    """The parts of a body in one."""
+    begins = np.cumsum([0, *(len(part.vertices_m) for part in parts)])
+    facets = np.concatenate([part.facets + begin for part, begin in zip(parts, begins[:-1], strict=True)])
+    return RayMesh(np.concatenate([part.vertices_m for part in parts]), facets.astype(np.int32), has_backs=True)
 
 
 class _Solid(RayMesh):
