@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from glrender_camera.validate import name_of, position, vector, within
 
 from ..base.errors import ConfigError
 
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+_ORIGIN: Any = (0.0, 0.0, 0.0)
+_AHEAD: Any = (0.0, 0.0, 1.0)
 ALL_ROUND_DEG, _WIDEST_CONE_DEG = 180.0, 90.0
 _MOST_W_SR = 1e12
 
@@ -32,9 +38,13 @@ class Lamp:
 
     name: str
     intensity_W_sr: float
-    r_spacecraft_m: np.ndarray = (0.0, 0.0, 0.0)
-    direction: np.ndarray = (0.0, 0.0, 1.0)
+    r_spacecraft_m: np.ndarray = field(default=_ORIGIN)
+    direction: np.ndarray = field(default=_AHEAD)
     half_angle_deg: float = ALL_ROUND_DEG
+
+    if TYPE_CHECKING:  # lists of numbers go in, arrays come out
+        def __init__(self, *, name: str, intensity_W_sr: float, r_spacecraft_m: ArrayLike = ...,
+                     direction: ArrayLike = ..., half_angle_deg: float = ...) -> None: ...
 
     def __post_init__(self):
         name_of("name", self.name)
