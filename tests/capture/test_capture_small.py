@@ -233,7 +233,8 @@ def test_dust_that_dims_a_small_nucleus_dims_its_points():
 
 @pytest.mark.parametrize("option, message", [
     ({"roi": (20, 20, 40, 40)}, "roi: is of draw_still alone"), ({"out": np.zeros((64, 64), np.float32)}, "out: is of"),
-    ({"max_eror": 0.1}, "max_eror: is no option, got 0.1; there are deadline_s, engine, max_error, on_progress")])
+    ({"max_eror": 0.1}, "max_eror: is no option, got 0.1; there are deadline_s, derivatives, engine, "
+                            "max_error, on_progress")])
 def test_options_that_a_frame_does_not_have_are_refused(option, message):
     """A region moved small bodies by its corner; memory lent was shared by all poses of a motion."""
     with Renderer(views.scene([binary()], [camera("c", 6.0, (0.0, 0.0), 0.7)])) as renderer:
