@@ -18,7 +18,8 @@ html_static_path: list[str] = []
 # The source is the repository, so that links between documents are the same here and in a browser of files.
 root_doc = "docs/index"
 include_patterns = ["docs/**.md", "docs/notebooks/*.ipynb", "README.md", "SECURITY.md", "CONTRIBUTING.md",
-                    "CHANGELOG.md", "benchmarks/*.md", "clients/**/README.md", "examples/**.md"]
+                    "CHANGELOG.md", "benchmarks/*.md", "clients/README.md", "clients/**/README.md",
+                    "examples/**.md"]
 exclude_patterns = ["docs/checks/**"]
 source_suffix = {".md": "myst-nb", ".ipynb": "myst-nb"}
 # Notebooks are stored as they ran; a test runs them anew. Of a box of widgets the page has its still picture.
