@@ -54,7 +54,7 @@ class Stage:
         self._sun, self._camera = (self._object(name, data) for name, data in
                                    (("sun", self._light), ("camera", self._lens)))
         self._scene.camera = self._camera
-        self._lamps = [self._lamp(told) for told in head["lamps"]]
+        self._lamps = [self._lamp(each) for each in head["lamps"]]
         self._fill_tables()
 
     def _fill_tables(self) -> None:
@@ -89,9 +89,9 @@ class Stage:
         """
         for body, matrix in zip(self._bodies, head["bodies_from"], strict=True):
             _place(body, matrix)
-        for lamp, told in zip(self._lamps, head.get("lamps", ()), strict=False):
-            _place(lamp, told["from"])
-            lamp.data.energy = told["watts"]
+        for lamp, here in zip(self._lamps, head.get("lamps", ()), strict=False):
+            _place(lamp, here["from"])
+            lamp.data.energy = here["watts"]
         _place(self._camera, head["camera_from"])
         _place(self._sun, head["sun_from"])
         if self._light.angle != np.float32(head["sun_angle_rad"]):
@@ -135,12 +135,12 @@ class Stage:
             bpy.data.images.remove(read)
             os.remove(self._path)
 
-    def _lamp(self, told: dict) -> bpy.types.Object:
-        is_cone = told["half_angle_rad"] < 3.0
+    def _lamp(self, lamp: dict) -> bpy.types.Object:
+        is_cone = lamp["half_angle_rad"] < 3.0
         light = bpy.data.lights.new("lamp", "SPOT" if is_cone else "POINT")
         light.shadow_soft_size = 0.0
         if is_cone:
-            light.spot_size, light.spot_blend = 2.0 * told["half_angle_rad"], 0.0
+            light.spot_size, light.spot_blend = 2.0 * lamp["half_angle_rad"], 0.0
         return self._object("lamp", light)
 
     def _object(self, name: str, data) -> bpy.types.Object:
