@@ -18,7 +18,7 @@ from glrender_camera.validate import integer
 from ..base.progress import Progress
 from ..engines.derivatives.jacobian import Jacobian
 from ..engines.image import checked_products
-from ..planner.account import restated
+from ..planner.account import in_pixels, restated
 from ..planner.plan import RenderPlan
 from ..planner.request import ImageUse
 from ..scene.scene import Scene
@@ -124,7 +124,7 @@ class Drawing:
         if "use" in taken:
             self._options["use"] = ImageUse(error_gain=self._share, apart_px=_APART_PX * n if is_for_detector else 0.0)
             self._share = 1.0
-        asked = _in_pixels(by_unit(self._tolerance), n)
+        asked = in_pixels(by_unit(self._tolerance), n)
         if "rms" in asked:
             asked["rms"] = min(asked["rms"] / self._share, 1.0)
         seconds = self._options.pop("deadline_s", None)
@@ -181,9 +181,9 @@ class Drawing:
             moved = self._moved_error(light)
         if self._share != 1.0 or self._n != 1:
             rms = plan.max_error * self._share if isinstance(self._tolerance, Mapping) else self._tolerance
-            plan = restated(plan, cells=self._n, moved=moved, max_error=rms, asked=by_unit(self._tolerance),
+            plan = restated(plan, cells=self._n, max_error=rms, asked=by_unit(self._tolerance),
                             predicted_error=math.hypot(plan.predicted_error * self._share, moved),
-                            navigation=_in_pixels(plan.navigation, 1.0 / self._n))
+                            navigation=in_pixels(plan.navigation, 1.0 / self._n))
         if self.lens is None and self._margin_px:
             inside = np.s_[self._margin_px:-self._margin_px, self._margin_px:-self._margin_px]
             made = {name: np.ascontiguousarray(values[inside]) for name, values in made.items()}
@@ -227,11 +227,6 @@ class Drawing:
 def is_resampled(renderer: Any, camera: PinholeCamera) -> bool:
     """Whether a renderer draws a rectilinear image, whose light is moved by the camera's lens."""
     return camera.distortion is not None and not getattr(renderer, "draws_lenses", False)
-
-
-def _in_pixels(errors: Mapping[str, float], cells: float) -> dict[str, float]:
-    """Errors by unit, those in pixels of another size, of which one has so many cells along its side."""
-    return {unit: error * cells if unit.endswith("_px") else error for unit, error in errors.items()}
 
 
 def _part(camera: PinholeCamera, box: tuple[int, int, int, int]) -> PinholeCamera:

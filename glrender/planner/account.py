@@ -11,16 +11,17 @@ import numpy as np
 
 from ..scene.tolerance import by_unit
 from ..view.regions import Group, union
-from .error_budget import FLUX_SHARE
+from .error_budget import Budget
 from .error_model import BodyTraits, parallel_error
 from .frame_plan import FramePlan
-from .plan import CENTROIDS, ONE_DIRECTION, SLIVERS, BodyPlan, RenderPlan, WindowPlan
+from .plan import ONE_DIRECTION, BodyPlan, RenderPlan, WindowPlan
 from .predicted import frame_errors, with_eclipse
 from .request import Request
 from .seen import Seen
 
-_PROMISED = "no frame of this view is promised less than"
-
+# The way out of an error by light that a lens moves.
+_BEHIND_THE_LENS = ("a lens moves the light of a rectilinear image, which blurs edges: the backend \"auto\" draws "
+                    "behind the lens what has no coma")
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Drawn:
@@ -53,7 +54,7 @@ def account(plan: FramePlan, drawn: Drawn, always: tuple[str, ...] = ()) -> Rend
 
     `always` is left out of each frame of the scene.
     """
-    request, way_out = plan.request, _way_out(plan.request, drawn.is_late)
+    request, drawn_so = plan.request, list(zip(plan.groups, drawn.windows, strict=True))
     by_name = {name: window for window in drawn.windows for name in window.bodies}
     bodies = [body if body.name in by_name and by_name[body.name].engine == "raster" else _without_map(body)
               for body in drawn.bodies]
@@ -65,27 +66,20 @@ def account(plan: FramePlan, drawn: Drawn, always: tuple[str, ...] = ()) -> Rend
             warnings.append(f"{seen.traits.law} of {body.name} at a phase of {phase_deg:.1f} deg: "
                             f"it holds to {limit_deg:.1f} deg")
     error_gain, rms = request.use.error_gain, request.max_error
-    if isinstance(rms, Mapping):
-        rms = min([error_gain * window.budget.tolerance for window in drawn.windows] + [1.0])
     windows = tuple(_reported(window, error_gain) for window in drawn.windows)
-    drawn_so = list(zip(plan.groups, drawn.windows, strict=True))
+    if isinstance(rms, Mapping):
+        rms = min([window.budget.tolerance for window in windows] + [1.0])
+    has_tolerance = any(math.isfinite(window.budget.tolerance) for window in windows)
     made = RenderPlan(camera=request.camera.name, max_error=rms, roi=union([window.roi for window in windows]),
                       windows=windows, bodies=tuple(bodies), left_out=tuple(left_out),
                       predicted_error=max((window.predicted_error for window in windows), default=0.0),
-                      navigation=_by_unit(plan.seen, drawn_so, error_gain), asked=by_unit(request.max_error))
-    if any(math.isfinite(window.budget.tolerance) for window in windows):
-        least = frame_errors([(group, window.how, 0.0, 0.0) for group, window in drawn_so], error_gain)
-        warnings += missed(made, least, way_out)
-    return replace(made, warnings=tuple(warnings))
+                      navigation=_by_unit(plan.seen, drawn_so, error_gain), asked=by_unit(request.max_error),
+                      promised=frame_errors([(group, window.how, 0.0, 0.0) for group, window in drawn_so], error_gain),
+                      way_out=_way_out(request, drawn.is_late) if has_tolerance else "")
+    return replace(made, warnings=(*warnings, *made.misses().values()))
 
 
-def missed(plan: RenderPlan, least: Mapping[str, float], way_out: str) -> list[str]:
-    """Warnings of a plan's misses: each with the way out, or with the least error [unit] that a frame is promised."""
-    return [f"{text}; " + (f"{_PROMISED} {least[unit]:.2g}" if plan.asked[unit] <= least.get(unit, 0.0) else way_out)
-            for unit, text in plan.misses().items()]
-
-
-def restated(image: RenderPlan, *, cells: int = 1, moved: float = 0.0, **errors: Any) -> RenderPlan:
+def restated(image: RenderPlan, *, cells: int = 1, **errors: Any) -> RenderPlan:
     """The plan of a frame that a camera makes of an image: the frame has other errors, and misses of its own.
 
     Where the image's plan is silent about a miss, as of samples that were asked for, so is the frame's.
@@ -95,46 +89,36 @@ def restated(image: RenderPlan, *, cells: int = 1, moved: float = 0.0, **errors:
     image : RenderPlan
     cells : int
         Cells of the image along the side of a pixel of the frame.
-    moved : float [1]
-        RMS error of their light where a lens moves it.
     **errors
         The frame's `max_error`, `predicted_error`, `asked` and `navigation`.
     """
-    made, warnings = replace(image, **errors), []
-    before, now = image.misses(), made.misses()
-    for text in image.warnings:
-        unit = next((unit for unit, miss in before.items() if text.startswith(miss)), None)
-        if unit is None:
-            warnings.append(text)
-        elif unit in now:
-            way_out, promised, least = text.removeprefix(before[unit]).partition(f"{_PROMISED} ")
-            if promised:
-                least = f"{float(least) / (cells if unit.endswith('_px') else 1):.2g}"
-            warnings.append(now[unit] + way_out + promised + least)
-    if "rms" in now and "rms" not in before and moved > made.max_error:
-        warnings.append(f"{now['rms']}; a lens moves the light of a rectilinear image, which blurs edges: the backend "
-                        "\"auto\" draws behind the lens what has no coma")
-    return replace(made, warnings=tuple(warnings))
+    made = replace(image, promised=in_pixels(image.promised, 1.0 / cells), **errors)
+    before, now = image.misses().values(), made.misses()
+    # By light that a lens moved: else a frame errs by no more than its image.
+    if "rms" in made.missed and "rms" not in image.missed:
+        now["rms"] = made.miss("rms", _BEHIND_THE_LENS)
+    return replace(made, warnings=(*(text for text in image.warnings if text not in before), *now.values()))
+
+
+def in_pixels(errors: Mapping[str, float], cells: float) -> dict[str, float]:
+    """Errors by unit, those in pixels of another size, of which one has so many cells along its side."""
+    return {unit: error * cells if unit.endswith("_px") else error for unit, error in errors.items()}
 
 
 def _by_unit(seen: Sequence[Seen], drawn: Sequence[tuple[Group, WindowPlan]], error_gain: float) -> dict[str, float]:
     """Predicted errors of the frame in each unit but `rms`."""
-    # The Sun's direction and distance along a body have laws of their own.
-    others = [(group, replace(window, modelled={cause: _before_gain(cause, error, window) for cause, error
-                                                in window.modelled.items() if cause != ONE_DIRECTION}))
-              for group, window in drawn]
-    found = frame_errors([(group, window.how, window.predicted_error, window.modelling_error)
-                          for group, window in others], error_gain)
+    regions = []
+    for group, window in drawn:
+        # The Sun's direction and distance along a body have laws of their own.
+        modelled = {cause: error for cause, error in window.modelled.items() if cause != ONE_DIRECTION}
+        modelling = Budget(tolerance=1.0).rms_of(modelled, window.modelled_flux)
+        regions.append((group, window.how, math.hypot(modelling, *window.drawn.values()), modelling))
+    found = frame_errors(regions, error_gain)
     found["flux"] = math.hypot(found["flux"], max((parallel_error(body.view, body.traits) for body in seen
                                                    if body.view.is_visible), default=0.0))
     for group, window in drawn:
         found = with_eclipse(found, group, window.flux_error)
     return found
-
-
-def _before_gain(cause: str, error: float, window: WindowPlan) -> float:
-    """An error whose `FLUX_SHARE` is that of the flux: slivers' and centroids' follow from the flux's own tolerance."""
-    return error * window.budget.flux_share / FLUX_SHARE if cause in (SLIVERS, CENTROIDS) else error
 
 
 def _way_out(request: Request, is_late: bool) -> str:
@@ -168,10 +152,11 @@ def _left_out(seen: Seen, body: BodyPlan, window: WindowPlan | None, has_sun_dis
 
 
 def _reported(window: WindowPlan, error_gain: float) -> WindowPlan:
-    """A window with the part of its errors that a point spread function leaves."""
+    """A window with the part of its errors, and of its budget, that a point spread function leaves."""
     modelled, drawn = ({cause: error_gain * error for cause, error in errors.items()}
                        for errors in (window.modelled, window.drawn))
-    return replace(window, modelled=modelled, drawn=drawn)
+    budget = replace(window.budget, tolerance=error_gain * window.budget.tolerance)
+    return replace(window, budget=budget, modelled=modelled, drawn=drawn)
 
 
 def _detail_left_out(body: BodyPlan, traits: BodyTraits) -> str:

@@ -267,21 +267,23 @@ def _coverage(part: _Part) -> list[WindowPlan]:
     modelled = {UNEVEN: max(_unevenness(body, request.camera, has_planes, cell_px) for body in bodies)}
     # Light falls in slivers far smaller than facets: what none of their corners sees is lost.
     below_rad = min((math.pi - body.view.phase_rad for body in bodies if not body.traits.is_convex), default=math.inf)
-    # No point spread function averages what the flux loses.
-    modelled[SLIVERS] = _CRESCENT_LOSS / max(below_rad, 1e-3) ** 3 / budget.flux_share
-    clipped = part.window("coverage", budget, modelled, flux_error=part.hard_flux, has_planes=has_planes, **where)
+    of_flux = {SLIVERS: _CRESCENT_LOSS / max(below_rad, 1e-3) ** 3}
+    clipped = part.window("coverage", budget, modelled, modelled_flux=of_flux, flux_error=part.hard_flux,
+                          has_planes=has_planes, **where)
     half_rad = min(0.5 * group.phase_rad, 1.5)
     least = CENTROIDS_LEAST * max(math.tan(half_rad) / math.tan(math.radians(30.0)), 1.0) ** _CENTROIDS_POWER
     view, traits, allowed = bodies[0].view, bodies[0].traits, request.budget(group, "centroids")
-    modelled |= {CENTROIDS: least / allowed.flux_share,
-                 "hard edges": max(body.penumbra.hard_error for body in bodies)}
-    is_too_much = math.hypot(*modelled.values()) > PENUMBRA_SHARE * allowed.tolerance
+    modelled["hard edges"] = max(body.penumbra.hard_error for body in bodies)
+    of_flux = {**of_flux, CENTROIDS: least}
+    is_too_much = allowed.rms_of(modelled, of_flux) > PENUMBRA_SHARE * allowed.tolerance
     # Where bodies hide or shade each other facets are clipped at the edges anyway.
     if (is_too_much or has_planes or len(bodies) > 1 or bodies[0].casters or not traits.has_centroids
             or facets_per_px(view, traits.n_facets) < _LEAST_FACETS_PER_PX
             or view.phase_rad + traits.radius_m / view.range_m > _CENTROIDS_RAD):
         return [clipped]
-    return [part.window("coverage", allowed, modelled, by_centroids=True, flux_error=part.hard_flux, **where), clipped]
+    by_centroids = part.window("coverage", allowed, modelled, modelled_flux=of_flux, by_centroids=True,
+                               flux_error=part.hard_flux, **where)
+    return [by_centroids, clipped]
 
 
 def _are_coarse(windows: Sequence[WindowPlan]) -> bool:

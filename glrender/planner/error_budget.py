@@ -8,6 +8,7 @@ their errors add up in squares.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 FLUX_SHARE = 0.1
@@ -52,6 +53,10 @@ class Budget:
     def flux_share(self) -> float:
         """Error of the total light over the RMS error before a point spread function [1]."""
         return self.flux / self.tolerance
+
+    def rms_of(self, modelled: Mapping[str, float], modelled_flux: Mapping[str, float]) -> float:
+        """The RMS error [1] of causes with RMS errors, and of those with errors of the total, over their share."""
+        return math.hypot(*modelled.values(), *(error / self.flux_share for error in modelled_flux.values()))
 
     def after(self, modelled: float) -> Budget:
         """The budget of the drawing, by `left_after`: the total light has the same share."""

@@ -17,7 +17,7 @@ Target = Literal["region", "own_grid", "point"]
 # Lines of a plan as text.
 _MOST_LINES = 10
 ONE_DIRECTION, SLIVERS, CENTROIDS = "one direction to the Sun", "slivers", "centroids"
-"""The cause of error that no point spread function averages, and of which all of a body's light errs."""
+"""Causes of error: one that no point spread function averages, and two of which all of a body's light errs."""
 UNEVEN = "uneven facets"
 """The cause of error that rays may cure in the pixels that they settle."""
 EMISSION_LEFT_OUT = "emission around"
@@ -74,9 +74,11 @@ class WindowPlan:
     grid : (int, int)
         Samples or cells across and down.
     budget : Budget
-        Of errors before the camera's PSF.
+        Of errors before the camera's PSF; of a drawn frame after it.
     modelled : mapping of str to float [1]
         RMS errors that samples do not cure, by cause; of a drawn frame after the camera's PSF.
+    modelled_flux : mapping of str to float [1]
+        Errors of the total light that samples do not cure, by cause; no PSF averages them.
     drawn : mapping of str to float [1]
         RMS errors of the drawing, by cause, once it is drawn; likewise.
     by_centroids : bool
@@ -108,6 +110,7 @@ class WindowPlan:
     budget: Budget
     target: Target = "region"
     modelled: Mapping[str, float] = field(default_factory=dict)
+    modelled_flux: Mapping[str, float] = field(default_factory=dict)
     drawn: Mapping[str, float] = field(default_factory=dict)
     by_centroids: bool = False
     has_planes: bool = False
@@ -121,13 +124,19 @@ class WindowPlan:
 
     @property
     def modelling_error(self) -> float:
-        """RMS error [1] that samples do not cure."""
-        return math.hypot(*self.modelled.values())
+        """RMS error [1] that samples do not cure; errors of the total over its share, as the tolerance judges them."""
+        return self.budget.rms_of(self.modelled, self.modelled_flux)
+
+    @property
+    def causes(self) -> dict[str, float]:
+        """The parts [1] of `predicted_error` by cause."""
+        of_flux = {cause: self.budget.rms_of({}, {cause: error}) for cause, error in self.modelled_flux.items()}
+        return {**self.modelled, **of_flux, **self.drawn}
 
     @property
     def predicted_error(self) -> float:
         """RMS error [1] over the mean of the lit pixels."""
-        return math.hypot(*self.modelled.values(), *self.drawn.values())
+        return math.hypot(*self.causes.values())
 
     @property
     def how(self) -> str:
@@ -190,6 +199,11 @@ class RenderPlan:
         The same in the further units of `tolerance.UNITS`: of the region that has most of each.
     asked : mapping
         The tolerance by unit; `max_error` as `rms` by default.
+    promised : mapping
+        The least error by unit that any frame of this view is promised: no tolerance below it is met.
+    way_out : str
+        For the caller of a frame that misses its tolerance; empty where that is no surprise, as of samples that were
+        asked for.
     left_out : tuple of str
     warnings : tuple of str
         What is used beyond its range.
@@ -217,6 +231,8 @@ class RenderPlan:
     navigation: Mapping[str, float] = field(default_factory=dict)
     asked: Mapping[str, float] = field(default_factory=dict)
     jacobian_error: Mapping[str, float] = field(default_factory=dict)
+    promised: Mapping[str, float] = field(default_factory=dict)
+    way_out: str = ""
     milliseconds: float = field(default=0.0, compare=False)
     memory_bytes: Mapping[str, int] = field(default_factory=dict, compare=False)
 
@@ -236,9 +252,15 @@ class RenderPlan:
         return tuple(unit for unit, most in self.asked.items() if predicted.get(unit, 0.0) > most * (1.0 + 1e-6))
 
     def misses(self) -> dict[str, str]:
-        """A sentence for each unit of `missed`."""
-        return {unit: f"predicted {'error' if unit == 'rms' else unit} {self.predicted[unit]:.2g} exceeds max_error "
-                      f"{self.asked[unit]:g}" for unit in self.missed}
+        """A warning for each unit of `missed`; none where there is no way out."""
+        return {unit: self.miss(unit, self.way_out) for unit in self.missed if self.way_out}
+
+    def miss(self, unit: str, way_out: str) -> str:
+        """A warning of a unit that is missed: the least error that is promised stands in place of a vain way out."""
+        asked, least = self.asked[unit], self.promised.get(unit, 0.0)
+        end = f"no frame of this view is promised less than {least:.2g}" if asked <= least else way_out
+        name = "error" if unit == "rms" else unit
+        return f"predicted {name} {self.predicted[unit]:.2g} exceeds max_error {asked:g}; {end}"
 
     @property
     def excess(self) -> float:
@@ -286,9 +308,9 @@ class RenderPlan:
     def to_dict(self) -> dict[str, Any]:
         """Plain data, for the wire: None in place of infinite numbers, which JSON does not have."""
         told = asdict(self)
-        del told["navigation"]
+        del told["navigation"], told["way_out"]
         if not self.jacobian_error:
-            del told["jacobian_error"]
+            del told[\"jacobian_error\"]
         windows = [{**each, "predicted_error": window.predicted_error}
                    for each, window in zip(told["windows"], self.windows, strict=True)]
         bodies = [{**each, "penumbra_px": body.penumbra.width_px}
@@ -308,7 +330,7 @@ def _finite(value: Any) -> Any:
 
 def _spent(window: WindowPlan) -> str:
     """The causes of a window's error, the largest first, without those below a tenth of it."""
-    causes = sorted({**window.modelled, **window.drawn}.items(), key=lambda each: -each[1])
+    causes = sorted(window.causes.items(), key=lambda each: -each[1])
     told = [f"{cause} {100.0 * error:.2g}" for cause, error in causes if error > 0.1 * window.predicted_error]
     return f" ({', '.join(told)})" if len(told) > 1 else ""
 

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import pytest
-from glrender.planner.account import missed, restated
+from glrender.planner.account import restated
 from glrender.planner.plan import RenderPlan
 
 
 def image_plan(asked, rms, warnings=(), **navigation):
     """With a warning of its own, and those of its misses."""
     made = RenderPlan(camera="navcam", max_error=asked.get("rms", 1.0), roi=(0, 0, 8, 8), windows=(), bodies=(),
-                      predicted_error=rms, navigation=navigation, asked=asked)
-    return RenderPlan(**{**vars(made), "warnings": ("another", *missed(made, {"limb_px": 0.012}, "give up"))})
+                      predicted_error=rms, navigation=navigation, asked=asked, promised={"limb_px": 0.012},
+                      way_out="give up")
+    return replace(made, warnings=("another", *made.misses().values()))
 
 
 @pytest.mark.parametrize("gain, warnings", [
@@ -28,7 +30,7 @@ def test_a_miss_before_the_point_spread_function_that_it_cures_is_no_warning(gai
 
 def test_a_frame_is_silent_about_a_miss_where_its_image_is():
     """As with samples that were asked for, whatever their error."""
-    silent = replace(image_plan({"rms": 0.02}, 0.03), warnings=("another",))
+    silent = replace(image_plan({"rms": 0.02}, 0.03), warnings=("another",), way_out="")
     made = restated(silent, max_error=0.002, predicted_error=0.003, asked={"rms": 0.002})
     assert made.missed == ("rms",) and made.warnings == ("another",)
 
@@ -43,3 +45,14 @@ def test_lengths_in_warnings_are_pixels_of_the_frame_not_cells():
         "another", "predicted flux 0.002 exceeds max_error 0.001; give up",
         "predicted centroid_px 0.02 exceeds max_error 0.01; give up",
         "predicted limb_px 0.004 exceeds max_error 0.002; no frame of this view is promised less than 0.004")
+
+
+@pytest.mark.parametrize("moved", [0.03, 0.019])
+def test_a_miss_by_the_light_that_a_lens_moves_has_a_way_out_of_its_own(moved):
+    """0.01 before a lens; the flux, which was missed before, keeps its own way out."""
+    image = image_plan({"rms": 0.02, "flux": 0.001}, 0.01, flux=0.002)
+    made = restated(image, predicted_error=math.hypot(0.01, moved))
+    assert made.missed == ("rms", "flux") and len(made.warnings) == 3
+    rms, = (text for text in made.warnings if text.startswith("predicted error"))
+    assert "a lens moves the light of a rectilinear image" in rms
+    assert "predicted flux 0.002 exceeds max_error 0.001; give up" in made.warnings

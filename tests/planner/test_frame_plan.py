@@ -124,7 +124,7 @@ def test_a_miss_is_warned_of_with_the_way_out(asked, is_late, way_out):
     """A frame whose drawing errs by 0.5 where 0.02 was asked for; by half of that after a point spread function."""
     use = ImageUse(error_gain=0.5)
     plan = plan_frame([seen(view())], Request(camera=CAMERA, max_error=0.02, use=use, **asked))
-    window = replace(plan.options[0][0], modelled={}, drawn={"samples": 0.5})
+    window = replace(plan.options[0][0], modelled={}, modelled_flux={}, drawn={"samples": 0.5})
     made = account(plan, Drawn(irradiance_W_m2=np.zeros((1, 1), np.float32), small_bodies=(), windows=(window,),
                                bodies=plan.bodies, is_late=is_late))
     assert made.predicted_error == made.windows[0].predicted_error == pytest.approx(0.25)
@@ -134,7 +134,7 @@ def test_a_miss_is_warned_of_with_the_way_out(asked, is_late, way_out):
 def test_a_tolerance_that_no_frame_is_promised_says_so_and_the_other_has_its_way_out():
     """The centre to 1e-9 px, and a total that the drawing misses."""
     plan = plan_frame([seen(view())], Request(camera=CAMERA, max_error={"centroid_px": 1e-9, "flux": 1e-3}))
-    window = replace(plan.options[0][0], modelled={}, drawn={"samples": 0.5})
+    window = replace(plan.options[0][0], modelled={}, modelled_flux={}, drawn={"samples": 0.5})
     made = account(plan, Drawn(irradiance_W_m2=np.zeros((1, 1), np.float32), small_bodies=(), windows=(window,),
                                bodies=plan.bodies, is_late=False))
     ends = {text.split()[1]: text.split("; ")[1] for text in made.warnings}

@@ -127,7 +127,7 @@ def test_a_point_spread_function_leaves_flux_and_centre_as_they_are(renderer):
         frame = take_frame(blurred, STATE, max_error={"rms": 0.02 * model.psf_noise_gain}).plan
         bare = draw_still(blurred, STATE, max_error=0.02).plan
     gain, ratio = model.psf_noise_gain, {unit: frame.predicted[unit] / bare.predicted[unit] for unit in UNITS}
-    whole = math.hypot(*(bare.windows[0].modelled[cause] for cause in (ONE_DIRECTION, SLIVERS))) / bare.predicted_error
+    whole = math.hypot(*(bare.windows[0].causes[cause] for cause in (ONE_DIRECTION, SLIVERS))) / bare.predicted_error
     expected = {"rms": math.hypot(gain, whole * math.sqrt(1.0 - gain**2)), "flux": 1.0, "centroid_px": 1.0,
                 "limb_px": math.sqrt(gain), "range": 1.0}
     assert ratio == pytest.approx(expected, rel=1e-6) and gain < 0.5

@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 from glrender_camera import PinholeCamera
 
-from ...planner.account import missed
 from ...planner.plan import BodyPlan, RenderPlan
 from ...planner.predicted import frame_errors, rms_tolerance
 from ...scene.scene import Scene
@@ -33,6 +32,7 @@ def full_shape_plan(scene: Scene, camera: PinholeCamera, views: list[BodyView], 
     """
     groups = [Group.of([view], camera) for view in views if view.is_visible]
     made = RenderPlan(
+        promised=frame_errors([(group, "rays", 0.0, 0.0) for group in groups]), way_out=way_out,
         camera=camera.name, max_error=rms_tolerance(max_error, views, camera), roi=roi, windows=(),
         predicted_error=predicted_error, asked=by_unit(max_error), left_out=left_out, warnings=warnings,
         navigation=frame_errors([(group, "rays", predicted_error, 0.0) for group in groups]),
@@ -40,8 +40,7 @@ def full_shape_plan(scene: Scene, camera: PinholeCamera, views: list[BodyView], 
             name=view.name, is_visible=view.is_visible, n_facets=len(body.shape.facets), law=body.brdf.glsl,
             shadow_map_px=None, shadow_map_reused=False, relative_to_camera=True, normal_lookup=True,
             size_px=view.size_px) for view, body in zip(views, scene.bodies, strict=True)))
-    least = frame_errors([(group, "rays", 0.0, 0.0) for group in groups])
-    return replace(made, warnings=(*warnings, *missed(made, least, way_out)))
+    return replace(made, warnings=(*warnings, *made.misses().values()))
 
 
 def traced_products(engine: RayEngine, wanted: tuple[str, ...], camera: PinholeCamera, views: list[BodyView],
