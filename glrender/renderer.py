@@ -28,7 +28,7 @@ from .engines.plugin_checks import try_twin
 from .engines.prepared_body import PreparedBody
 from .engines.raster.gl.context import Context
 from .engines.raster.gl.evaluate import BrdfEvaluator
-from .engines.raster.gl.targets import DEPTH_BYTES
+from .engines.raster.gl.targets import DEPTH_BYTES, PixelMask, Target
 from .engines.raster.meshes import body_mesh, body_traits
 from .engines.raster.product_pass import ProductPass
 from .engines.raster.shadow_maps import Shadows
@@ -97,9 +97,11 @@ class Renderer:
             self._left_out = between_walls(self.scene)
             self._shadows = Shadows(self._context, scene, self._bodies)
             stack.callback(self._shadows.close)
-            self._surfaces = stack.enter_context(SurfacePass(self._context, scene, self._bodies))
-            self._irradiance = stack.enter_context(IrradiancePass(self._context, self._surfaces, rays, coverage))
-            self._products = stack.enter_context(ProductPass(self._context, self._surfaces))
+            mask, irradiance, products = (stack.enter_context(each) for each in (
+                PixelMask(self._context), Target(self._context, [1]), Target(self._context, [4, 4, 4])))
+            self._surfaces = SurfacePass(mask, scene, self._bodies)
+            self._irradiance = IrradiancePass(self._context, irradiance, self._surfaces, rays, coverage)
+            self._products = ProductPass(products, self._surfaces)
             for law in {id(body.brdf): body.brdf for body in scene.bodies}.values():
                 try_twin(law, self.evaluate_brdf)
             self._emissions = Emissions(self._context, scene, self._surfaces, self._shadows)

@@ -76,7 +76,8 @@ def write(dtype: types.Type, n_dimensions: int, layout: str = "C") -> types.Arra
     return types.Array(dtype, n_dimensions, layout)
 
 
-# Types that several files of loops take: vectors, points in columns, tables, lists of numbers, a place or a direction.
+# Types that several files of loops take: vectors, points in columns, tables, lists and tables of numbers, a place or a
+# direction.
 VECTOR, POINTS = read(float64, 1, "A"), read(float64, 2, "A")
-TABLE, NUMBERS = read(float64, 2), read(intp, 1)
+TABLE, NUMBERS, INDICES = read(float64, 2), read(intp, 1), read(intp, 2)
 PLACE = UniTuple(float64, 3)

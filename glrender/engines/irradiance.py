@@ -20,7 +20,7 @@ from ..planner.adaptive_samples import frame_error, pixel_errors, pixel_means, p
 from ..planner.engine_choice import MOST_FACETS_PER_PX, MOST_FIRST_SAMPLES
 from ..planner.error_budget import ECLIPSE_SHARE
 from ..planner.frame_plan import FramePlan
-from ..planner.plan import UNEVEN, WindowPlan
+from ..planner.plan import LEAK, UNEVEN, WindowPlan
 from ..planner.request import MAX_SAMPLES
 from ..planner.small_body_grid import MAX_RAYS_ACROSS
 from ..view.regions import Group
@@ -71,22 +71,18 @@ class IrradiancePass:
     Parameters
     ----------
     context : Context
+    target : Target
+        Of one component.
     surfaces : SurfacePass
     rays : RayEngine or None
     coverage : CoverageEngine or None
         With rays.
     """
 
-    def __init__(self, context: Context, surfaces: SurfacePass, rays: RayEngine | None,
+    def __init__(self, context: Context, target: Target, surfaces: SurfacePass, rays: RayEngine | None,
                  coverage: CoverageEngine | None):
-        self._context, self._surfaces, self._rays, self._coverage = context, surfaces, rays, coverage
-        self._target = Target(context, [1])
-
-    def __enter__(self) -> IrradiancePass:
-        return self
-
-    def __exit__(self, *exception) -> None:
-        self._target.__exit__(*exception)
+        self._context, self._target, self._surfaces = context, target, surfaces
+        self._rays, self._coverage = rays, coverage
 
     def draw(self, plan: FramePlan, frame: Frame, irradiance: np.ndarray, clock: Clock, deadline: float = math.inf
              ) -> Drawn:
@@ -234,11 +230,11 @@ class IrradiancePass:
             most = max(math.isqrt(2 * MOST_FIRST_SAMPLES // n_facing), 2)
             count = max(min(window.samples, most), min(int(math.sqrt(_FIRST_RAYS / n_facing)), MAX_SAMPLES))
             window = replace(window, samples=count, grid=((x1 - x0) * count, (y1 - y0) * count))
-        beside = None
+        check = None
         if window.engine == "raster":
             window = replace(window, shadow_share=_shadow_share(window, frame))
             if self._rays is not None and ShadowCheck.is_needed(window, frame):
-                beside = ShadowCheck(self._rays, window, frame)
+                check = ShadowCheck(self._rays, window, frame)
         draw = partial(self._draw_tile, window, frame, clock)
         is_eclipsed = window.eclipse_px > 0.0
         variance = np.zeros_like(mean) if is_eclipsed else None
@@ -257,8 +253,8 @@ class IrradiancePass:
             mask = None if facing is None else facing[tile]
             samples = draw(tile, window.samples, mask)
             mean[tile], error[tile] = pixel_errors(samples, window.samples, gain, dark)
-            if beside is not None:
-                beside.look(tile, samples)
+            if check is not None:
+                check.look(tile, samples)
             if is_eclipsed:
                 bare = sum(self._draw_tile(window, replace(frame, views=[view]), clock, tile, window.samples, mask)
                            for view in group.views)
@@ -277,8 +273,10 @@ class IrradiancePass:
         now = frame_error(mean, error)
         # Edges of shadows lie where the map's texels put them, however many samples see them.
         edges = now * window.samples**(0.5 * power) * math.sqrt(window.shadow_share)
-        if beside is not None:
-            edges = beside.error
+        if check is not None:
+            # Rays have seen what leaks as well, which was modelled before.
+            edges, modelled = check.error, {**window.modelled, LEAK: 0.0}
+            window = replace(window, modelled=modelled, flux_error=math.hypot(window.flux_error, check.flux_error))
         floor = math.hypot(window.modelling_error, edges)
         left = window.budget.left_after(floor)
         most = MAX_RAYS_ACROSS / max(view.size_px for view in group.views) if window.engine == "rays" else 0.0

@@ -35,7 +35,7 @@ class ShadowCheck:
         place = np.floor((share - np.floor(share)) * [x1 - x0, y1 - y0]).astype(int)
         self._column, self._row = np.unique(place, axis=0).T
         self._light, self._n_lit = 0.0, 0
-        self._squared: list[np.ndarray] = []
+        self._difference: list[np.ndarray] = []
 
     @staticmethod
     def is_needed(window: WindowPlan, frame: Frame) -> bool:
@@ -58,7 +58,7 @@ class ShadowCheck:
         exact[other] = self._rays.irradiance(pixel[other], self._frame.camera, seen, None)
         drawn, exact = (each.reshape(-1, count**2) for each in (drawn, exact))
         self._light += float(exact.sum()) / count**2
-        self._squared.append((drawn - exact).mean(axis=1) ** 2)
+        self._difference.append((drawn - exact).mean(axis=1))
         self._n_lit += int((np.maximum(drawn, exact) > 0.0).any(axis=1).sum())
 
     @property
@@ -66,5 +66,13 @@ class ShadowCheck:
         """RMS error [1] over the mean of the lit pixels, with a deviation of its own; 0 where none is lit."""
         if not self._light > 0.0:
             return 0.0
-        squared = np.concatenate(self._squared) / (self._light / self._n_lit) ** 2
+        squared = (np.concatenate(self._difference) / (self._light / self._n_lit)) ** 2
         return math.sqrt((squared.sum() + math.sqrt((squared**2).sum())) / self._n_lit)
+
+    @property
+    def flux_error(self) -> float:
+        """Error of the total light [1], with a deviation of its own; 0 where none is lit."""
+        if not self._light > 0.0:
+            return 0.0
+        difference = np.concatenate(self._difference) / self._light
+        return abs(float(difference.sum())) + math.sqrt(float((difference**2).sum()))

@@ -11,9 +11,6 @@ from glrender_camera.stars import aberrated
 from ..base.errors import SceneError
 from .state import Pose, State, StatesAfter
 
-# Each step leaves v / c of the last one's error.
-_STEPS = 4
-
 
 def apparent_state(state: State, *, light_time: bool = True, aberration: bool = True) -> State:
     """A state as its light shows it to the spacecraft.
@@ -77,10 +74,10 @@ class _Apparent:
 
 
 def _earlier(pose: Pose, r_craft: np.ndarray) -> Pose:
-    seen = pose
-    for _ in range(_STEPS):
-        seen = pose.after(-float(np.linalg.norm(seen.r_inertial_m - r_craft)) / SPEED_OF_LIGHT_M_S)
-    return seen
+    """A pose at the time t before it when |r - v t| = c t: at its rates it moves along a straight line."""
+    offset_m, velocity_m_s = pose.r_inertial_m - r_craft, pose.v_inertial_m_s
+    along, slower = offset_m @ velocity_m_s, SPEED_OF_LIGHT_M_S**2 - velocity_m_s @ velocity_m_s
+    return pose.after(-float(np.sqrt(along**2 + slower * (offset_m @ offset_m)) - along) / float(slower))
 
 
 def _aberrated(r_inertial_m: np.ndarray, r_craft: np.ndarray, velocity: np.ndarray) -> np.ndarray:

@@ -15,17 +15,14 @@ from collections.abc import Callable
 
 import numpy as np
 from glrender_camera import threads
-from glrender_camera.numba_loops import VECTOR, compiled, read, write
+from glrender_camera.numba_loops import INDICES, VECTOR, compiled, read, write
 from numba.types import complex128, float64, int32, intp, void
 
 ROUNDING = 1e-12
 """Light that rounding leaves in dark cells, at most, as a share of an image's largest mean."""
-# Cells.
-_FARTHEST = 1e12
-# Triangles in a turn of each of the two images that are made at once; so few that waking a thread takes longer.
+# Triangles in a turn of each of the two images that are made at once.
 _BLOCK = 4096
-_FEW = 16_384
-_CHANGES, _VALUES = write(complex128, 2), read(complex128, 1)
+_CHANGES = write(complex128, 2)
 
 
 def no_changes(shape: tuple[int, int]) -> np.ndarray:
@@ -87,8 +84,8 @@ def add_line(changes, x0, y0, x1, y1, step):
     if y1 < y0:
         x0, y0, x1, y1, step = x1, y1, x0, y0, -step
     top, bottom = max(y0, 0.0), min(y1, float(rows))
-    # A line whose ends are no numbers, or too large for a count of cells, is nowhere.
-    if not top < bottom or min(x0, x1) >= columns or not abs(x0) + abs(x1) + y1 - y0 < _FARTHEST:
+    # A line whose ends are no numbers, or so far off that they round by parts of a cell, is nowhere.
+    if not top < bottom or min(x0, x1) >= columns or not ROUNDING * (abs(x0) + abs(x1) + y1 - y0) < 1.0:
         return
     slope = (x1 - x0) / (y1 - y0)
     x_top = x0 + (top - y0) * slope
@@ -115,7 +112,7 @@ def add_line(changes, x0, y0, x1, y1, step):
             _add_in_cell(changes, row, column, 0.5 * (begins + ends), per_column * (ends - begins))
 
 
-@compiled(void(_CHANGES, read(float64, 2), read(intp, 2), read(int32, 2), read(float64, 1), intp, intp, intp, VECTOR,
+@compiled(void(_CHANGES, read(float64, 2), INDICES, read(int32, 2), read(float64, 1), intp, intp, intp, VECTOR,
                VECTOR))
 def add_facets(changes, xy, corners, neighbours, radiance, first, block, every, origin, per_px):
     """Add what lines around facets that have a radiance (F,) change in cells; one line for two facets that share it.
@@ -143,7 +140,7 @@ def _take_samples_of_line(changes, x0, y0, x1, y1, step, n):
     rows, columns = n * changes.shape[0], n * (changes.shape[1] - 2)
     if y1 < y0:
         x0, y0, x1, y1, step = x1, y1, x0, y0, -step
-    if not abs(x0) + abs(x1) + abs(y0) + abs(y1) < _FARTHEST:
+    if not ROUNDING * (abs(x0) + abs(x1) + abs(y0) + abs(y1)) < 1.0:
         return
     slope, each = (x1 - x0) / max(y1 - y0, 1e-300), step / (n * n)
     for row in range(max(math.ceil(n * y0 - 0.5), 0), min(math.ceil(n * y1 - 0.5), rows)):
@@ -154,7 +151,7 @@ def _take_samples_of_line(changes, x0, y0, x1, y1, step, n):
             changes[row // n, column // n + 1] -= each * (column % n)
 
 
-@compiled(void(_CHANGES, read(float64, 2), read(intp, 2), read(int32, 2), read(float64, 1), intp, VECTOR, VECTOR))
+@compiled(void(_CHANGES, read(float64, 2), INDICES, read(int32, 2), read(float64, 1), intp, VECTOR, VECTOR))
 def take_samples(changes, xy, corners, neighbours, radiance, n, origin, per_px):
     """Take off what n x n samples in each cell meet of facets that have a radiance (F,): `add_facets`."""
     for facet in range(len(radiance)):
@@ -171,7 +168,7 @@ def take_samples(changes, xy, corners, neighbours, radiance, n, origin, per_px):
                                       (xy[0, b] - origin[0]) * per_px[0], (xy[1, b] - origin[1]) * per_px[1], step, n)
 
 
-@compiled(void(_CHANGES, read(float64, 2), read(intp, 2, "A"), _VALUES, VECTOR, VECTOR))
+@compiled(void(_CHANGES, read(float64, 2), read(intp, 2, "A"), read(complex128, 1), VECTOR, VECTOR))
 def add_polygons(changes, xy, corners, values, origin, per_px):
     """Add what lines around polygons change in cells: corners (K, N) at places (2, P) [px], values (N,)."""
     n_corners = len(corners)
@@ -182,7 +179,7 @@ def add_polygons(changes, xy, corners, values, origin, per_px):
                      (xy[0, b] - origin[0]) * per_px[0], (xy[1, b] - origin[1]) * per_px[1], values[i])
 
 
-@compiled(void(_CHANGES, read(float64, 2), _VALUES, VECTOR, VECTOR))
+@compiled(void(_CHANGES, read(float64, 2), read(complex128, 1), VECTOR, VECTOR))
 def add_lines(changes, ends, steps, origin, per_px):
     """Add what lines between two places each (4, N) [px], x0, y0, x1, y1, change in cells, by their steps (N,)."""
     for i in range(len(steps)):
@@ -197,6 +194,7 @@ def in_two_images(changes: np.ndarray, n_triangles: int, add: Callable[[np.ndarr
     three numbers.
     """
     images = [changes, np.zeros_like(changes)]
+    # To wake a thread for two turns of each image takes longer.
     threads.run(lambda k: add(images[k], k * _BLOCK, _BLOCK, len(images) * _BLOCK), range(len(images)),
-                threads.N_CORES if n_triangles > _FEW else 1)
+                threads.N_CORES if n_triangles > 4 * _BLOCK else 1)
     changes += images[1]

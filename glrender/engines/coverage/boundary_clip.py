@@ -10,9 +10,8 @@ from . import facet_loops
 from .facet_tables import FacetTables
 from .sub_triangles import FacetParts, Points
 
-# Distance of the two places of Gauss' rule from the middle of a length [1].
-_GAUSS = 12.0**-0.5
-# What light leaves at a lit and at a dark corner, over what that rule finds, of natural shapes: decision 0022.
+# What light leaves at a lit and at a dark corner, over what Gauss' rule of two places finds, of natural shapes
+# (test_facet_cutter.py).
 _BEYOND = 1.01, 1.02
 
 Polygons = tuple[np.ndarray, np.ndarray]
@@ -103,15 +102,16 @@ class FacetCutter:
         is_known = points.is_seen.take(triangles.corner).all(axis=0)
         begin_m = points.r_m.take(corner, axis=1)
         sides_m = [points.r_m.take(other, axis=1) - begin_m for other in others]
-        # Ways from the odd corner through Gauss' two places of the side beyond: the share that is cut off is the mean
-        # of the squares of how far it reaches along them.
-        ways_m = np.concatenate([(0.5 + _GAUSS) * one + (0.5 - _GAUSS) * other
+        # Ways from the odd corner through Gauss' two places of the side beyond, by their distance from its middle: the
+        # share that is cut off is the mean of the squares of how far it reaches along them.
+        gauss = 12.0**-0.5
+        ways_m = np.concatenate([(0.5 + gauss) * one + (0.5 - gauss) * other
                                  for one, other in (sides_m, sides_m[::-1])], axis=1)
         reach = self._reach(*(np.tile(each, 2) for each in (begin_m, triangles.facet, is_known, is_one)), ways_m,
                             n_bisections).reshape(2, -1)
         share = np.minimum(np.where(is_one, *_BEYOND) * 0.5 * (reach[0] ** 2 + reach[1] ** 2), 1.0)
         # A straight end as far from the corner as leaves that share, and as oblique as they are.
-        end = np.clip(np.sqrt(share) * (reach[0] / reach[1]) ** (0.25 / _GAUSS), share, 1.0)
+        end = np.clip(np.sqrt(share) * (reach[0] / reach[1]) ** (0.25 / gauss), share, 1.0)
         made = [points.add(begin_m + part * side_m, True, True)
                 for part, side_m in zip((end, share / end), sides_m, strict=True)]
         self._cut.append((*made, *others, corner, is_one, triangles.facet))

@@ -14,11 +14,10 @@ from glrender_camera import threads
 from ...base.disk_cache import cached_bytes
 from ..rays.mesh import RayMesh
 from .horizon_loops import N_AZIMUTHS, UNKNOWN, axes_across, shade_centroids
+from .sub_triangles import FACETS_AT_ONCE
 
 MOST_HORIZONS = 150_000
 """Facets up to which horizons are made: 30 us a facet, once; larger shapes cast a ray from every centroid."""
-# Facets that a thread looks at in a turn.
-_PART = 4096
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -88,7 +87,7 @@ class CentroidHorizons:
                               brdf, first_root, 1.0 / root_step, self.has_backs, found, asked, is_asked)
             return np.arange(part.start, part.start + n)
 
-        places = np.concatenate(threads.run_in_parts(look, n_facets, _PART))
+        places = np.concatenate(threads.run_in_parts(look, n_facets, FACETS_AT_ONCE))
         return found, asked[places], is_asked[:, places]
 
 
@@ -114,5 +113,5 @@ def heights_around(points_m: np.ndarray, normal: np.ndarray, solid: RayMesh, n_a
         solid.heights(points_m[:, part], normal[:, part], axes_across(normal[:, part]), azimuths, unknown,
                       found[part])
 
-    threads.run_in_parts(look, normal.shape[1], _PART)
+    threads.run_in_parts(look, normal.shape[1], FACETS_AT_ONCE)
     return found

@@ -5,14 +5,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from glrender_camera.numba_loops import NUMBERS, POINTS, TABLE, VECTOR, compiled, read, write
+from glrender_camera.numba_loops import INDICES, NUMBERS, POINTS, TABLE, VECTOR, compiled, read, write
 from numba.types import Tuple, float32, float64, int32, intp, void
-
-_CORNERS = read(intp, 2)
 
 
 @compiled(Tuple((write(intp, 1), write(float64, 1), write(float64, 1), float64))(
-    TABLE, read(float64, 1), intp, intp, VECTOR, float64, VECTOR, TABLE, _CORNERS, VECTOR))
+    TABLE, read(float64, 1), intp, intp, VECTOR, float64, VECTOR, TABLE, INDICES, VECTOR))
 def facing(normal, offset_m, first, last, to_sun, sun_radius, r_camera_m, xy, corners, bounds):
     """Facets (N,) out of first to last that face Sun and camera and are shown.
 
@@ -40,7 +38,7 @@ def facing(normal, offset_m, first, last, to_sun, sun_radius, r_camera_m, xy, co
     return found[:n].copy(), cosines[:n].copy(), shown[:n].copy(), set_area
 
 
-@compiled(write(float64, 1)(read(float32, 2), read(float64, 1), read(int32, 2), _CORNERS, TABLE, VECTOR, intp, VECTOR,
+@compiled(write(float64, 1)(read(float32, 2), read(float64, 1), read(int32, 2), INDICES, TABLE, VECTOR, intp, VECTOR,
                             VECTOR))
 def lit_edges(facets, radiance, neighbours, corners, xy, bounds, every, to_sun, r_camera_m):
     """Light that may be wrong in one of every `every` facets, each all lit or all dark by its radiance (F,).
@@ -74,7 +72,7 @@ def lit_edges(facets, radiance, neighbours, corners, xy, bounds, every, to_sun, 
     return found
 
 
-@compiled(Tuple((write(intp, 1), write(intp, 1), write(intp, 2)))(_CORNERS, NUMBERS, intp))
+@compiled(Tuple((write(intp, 1), write(intp, 1), write(intp, 2)))(INDICES, NUMBERS, intp))
 def vertices_of(corners, facets, n_vertices):
     """Vertices (M,) of facets (N,), one facet (M,) of each, and the numbers (3, N) of the facets' corners."""
     number = np.full(n_vertices, -1, np.intp)
@@ -134,7 +132,7 @@ def project(r_body_m, first, last, camera_from_body, r_camera_m, focal_length_px
                 turn[axis, 0] * a + turn[axis, 1] * b + turn[axis, 2] * c)
 
 
-@compiled(write(float64, 1)(TABLE, _CORNERS, NUMBERS))
+@compiled(write(float64, 1)(TABLE, INDICES, NUMBERS))
 def areas(xy, corners, facets):
     """Areas (N,) in the image of facets (N,) whose vertices are at places (2, V)."""
     found = np.empty(len(facets))
@@ -145,7 +143,7 @@ def areas(xy, corners, facets):
     return found
 
 
-@compiled(write(float64, 2)(TABLE, _CORNERS, NUMBERS, VECTOR))
+@compiled(write(float64, 2)(TABLE, INDICES, NUMBERS, VECTOR))
 def to_camera(vertices_m, corners, facets, r_camera_m):
     """Unit vectors (3, N) from the centroids of facets (N,)."""
     found = np.empty((3, len(facets)))

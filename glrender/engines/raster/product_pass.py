@@ -7,7 +7,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from ...planner.plan import WindowPlan
-from .gl.context import Context
 from .gl.targets import Target
 from .surface_pass import Frame, SurfacePass
 
@@ -17,19 +16,13 @@ class ProductPass:
 
     Parameters
     ----------
-    context : Context
+    target : Target
+        Of three times four components.
     surfaces : SurfacePass
     """
 
-    def __init__(self, context: Context, surfaces: SurfacePass):
-        self._surfaces = surfaces
-        self._target = Target(context, [4, 4, 4])
-
-    def __enter__(self) -> ProductPass:
-        return self
-
-    def __exit__(self, *exception) -> None:
-        self._target.__exit__(*exception)
+    def __init__(self, target: Target, surfaces: SurfacePass):
+        self._target, self._surfaces = target, surfaces
 
     def draw(self, wanted: Sequence[str], frame: Frame, windows: Sequence[WindowPlan]) -> dict[str, np.ndarray]:
         """Products by name, (height, width) each."""

@@ -14,7 +14,6 @@ from ...scene.scene import Scene
 from ...view import regions as grouping
 from ...view.view import BodyView
 from ..prepared_body import PreparedBody
-from .gl.context import Context
 from .gl.mesh import IRRADIANCE_STAGE, SurfaceVariant
 from .gl.targets import PixelMask, Target
 from .shadow_maps import NO_SHADOW, Shadow
@@ -54,20 +53,13 @@ class SurfacePass:
 
     Parameters
     ----------
-    context : Context
+    mask : PixelMask
     scene : Scene
     bodies : mapping of str to PreparedBody
     """
 
-    def __init__(self, context: Context, scene: Scene, bodies: Mapping[str, PreparedBody]):
-        self._scene, self._bodies = scene, bodies
-        self._mask = PixelMask(context)
-
-    def __enter__(self) -> SurfacePass:
-        return self
-
-    def __exit__(self, *exception) -> None:
-        self._mask.__exit__(*exception)
+    def __init__(self, mask: PixelMask, scene: Scene, bodies: Mapping[str, PreparedBody]):
+        self._mask, self._scene, self._bodies = mask, scene, bodies
 
     def draw(self, frame: Frame, target: Target, stage: str, bounds_px: tuple[float, float, float, float],
              grid: tuple[int, int], names: Sequence[str], mask: np.ndarray | None = None) -> None:

@@ -7,7 +7,7 @@ import pytest
 import raytracer
 import views
 from cells import slow_but
-from glrender import Body, Detail, Noise, Pose, Renderer, Shape, State, frames
+from glrender import Body, Detail, Noise, Pose, Renderer, Shape, State, frames, generate
 from glrender.base.constants import AU_M
 from glrender.brdf import Lambert
 
@@ -93,3 +93,21 @@ def test_ground_of_more_facets_than_pixels_is_drawn_by_rays(ground):
             plan = renderer.render(above(2.0, 8.0)).plan
         assert plan.windows[0].engine == engine
         assert 0 < plan.memory_bytes["near_facets"] < 1e6
+
+
+def test_light_that_leaks_inside_a_bowl_is_measured_and_not_taken_from_its_outline():
+    """The Sun is behind the camera's back, and behind the bowl's middle: 17 % by the outline and the phase angle."""
+    sphere = generate.icosphere(radius_m=100.0, subdivisions=2)
+    facets = sphere.facets[sphere.vertices_m[sphere.facets][:, :, 2].mean(axis=1) < 40.0, ::-1]
+    sun = np.array([-0.62, 0.19, 0.76])
+    place = -65.0 * sun
+    state = State(r_sun_inertial_m=AU_M * sun, bodies={"bowl": Pose(r_inertial_m=np.zeros(3))}, spacecraft=Pose(
+        r_inertial_m=place, q_from_inertial=frames.look_at(place, np.array([100.0, 0.0, -10.0]), (0.0, 0.0, 1.0))))
+    camera, bowl = views.camera(96, 100.0), Shape.from_arrays(sphere.vertices_m, facets)
+    with Renderer(views.scene([Body(name="bowl", shape=bowl, brdf=GREY)], [camera], sun_disc=False)) as renderer:
+        image = renderer.render(state, engine="raster")
+    truth = raytracer.trace([("bowl", bowl.vertices_m, bowl.facets, GREY)], camera, state, views.SOLAR_IRRADIANCE_W_M2,
+                            8)[0]
+    light, predicted = image.irradiance_W_m2.astype(float), image.plan.predicted
+    assert views.relative_rms(light, truth) < predicted["rms"] < 0.02 and not image.plan.warnings
+    assert abs(light.sum() / truth.sum() - 1.0) < predicted["flux"] < 0.015
