@@ -7,7 +7,7 @@ draw them.
 from __future__ import annotations
 
 FITTED = {
-    "draw": (range(400),),
+    "draw": (range(400), range(5000, 5040), range(7000, 7020)),
     "draw_small": (range(5000, 5200), range(7000, 7200), range(9000, 9200)),
     "draw_eclipse": (range(70),),
 }
@@ -26,6 +26,8 @@ NEVER_FITTED = {
 
 COVERAGE_FITTED = range(5000, 5060)
 """Seeds of `draw_small` that `coverage_errors.py` takes."""
+UNITS_FITTED = range(5000, 5040)
+"""Seeds of `draw` that `unit_errors.py` takes."""
 
 
 def n_fitted(maker: str, seeds: range) -> int:

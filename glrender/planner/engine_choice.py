@@ -19,7 +19,7 @@ from glrender_camera import PinholeCamera
 from ..view.regions import Group
 from ..view.view import BodyView
 from .error_budget import PENUMBRA_SHARE, SAMPLES_SHARE, Budget
-from .error_model import CRESCENT_RAD, SMOOTH_PER_RAD, facets_per_px, parallel_error, ray_rounding_error
+from .error_model import CRESCENT_RAD, SMOOTH_PER_RAD, centroids, facets_per_px, parallel_error, ray_rounding_error
 from .plan import CENTROIDS, ONE_DIRECTION, SLIVERS, UNEVEN, BodyPlan, Target, WindowPlan
 from .request import MAX_SAMPLES, Request
 from .seen import Seen
@@ -272,7 +272,8 @@ def _coverage(part: _Part) -> list[WindowPlan]:
                           has_planes=has_planes, **where)
     half_rad = min(0.5 * group.phase_rad, 1.5)
     least = CENTROIDS_LEAST * max(math.tan(half_rad) / math.tan(math.radians(30.0)), 1.0) ** _CENTROIDS_POWER
-    view, traits, allowed = bodies[0].view, bodies[0].traits, request.budget(group, "centroids")
+    view, traits = bodies[0].view, bodies[0].traits
+    allowed = request.budget(group, centroids(part.noise("coverage")[0]))
     modelled["hard edges"] = max(body.penumbra.hard_error for body in bodies)
     of_flux = {**of_flux, CENTROIDS: least}
     is_too_much = allowed.rms_of(modelled, of_flux) > PENUMBRA_SHARE * allowed.tolerance

@@ -143,6 +143,11 @@ def lit_share(phase_rad: float, least: float = 1e-3) -> float:
     return max(0.5 * (1.0 + math.cos(phase_rad)), least)
 
 
+def centroids(crease_rad: float) -> str:
+    """The way to draw facets by their centroids: many of a rough limb are hidden or shaded in part."""
+    return "rough centroids" if noise_gain(crease_rad, NOISE_FACETS) > 1.0 else "centroids"
+
+
 def noise_gain(crease_rad: float, facets_per_sample: float) -> float:
     """Error over that of edges of the same contrast: rough facets much smaller than samples are noise.
 

@@ -10,6 +10,7 @@ from typing import Any, Literal
 from glrender_camera.notebook import table
 
 from .error_budget import Budget
+from .error_model import centroids
 from .penumbra import Penumbra
 
 Target = Literal["region", "own_grid", "point"]
@@ -142,8 +143,8 @@ class WindowPlan:
 
     @property
     def how(self) -> str:
-        """The engine, or "centroids"."""
-        return "centroids" if self.by_centroids else self.engine
+        """The engine; "centroids", or "rough centroids" of rough facets."""
+        return centroids(self.noise[0]) if self.by_centroids else self.engine
 
     @property
     def method(self) -> str:

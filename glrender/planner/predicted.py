@@ -21,9 +21,13 @@ from .error_budget import FLUX_SHARE, Budget
 from .error_model import lit_share
 
 # Errors over the RMS error and the powers above [1] or [px], of flux, centre, limb and range, by how bodies are drawn:
-# of 600 frames (`benchmarks/heldout.py --units`, seeds from 5000, 7000, 9000) beside float64 rays 95 % are within.
+# of 600 frames (`benchmarks/heldout.py --units`, seeds from 5000, 7000, 9000) against float64 rays 95 % are within.
 _SAMPLES_OVER_RMS = (0.6, 0.2, 0.45, 2.0)
-_OVER_RMS = {"coverage": (0.45, 0.15, 0.2, 1.15), "centroids": (1.0, 0.15, 0.25, 1.6),
+_CENTROIDS_OVER_RMS = (0.8, 0.13, 0.23, 1.3)
+# The same of rough facets, over that of others: 110 frames of 13 shapes (`benchmarks/fits/unit_errors.py`).
+_ROUGH = 1.8
+_OVER_RMS = {"coverage": (0.45, 0.15, 0.2, 1.15), "centroids": _CENTROIDS_OVER_RMS,
+             "rough centroids": tuple(_ROUGH * each for each in _CENTROIDS_OVER_RMS),
              "rays": _SAMPLES_OVER_RMS, "raster": _SAMPLES_OVER_RMS}
 # Least errors that are predicted, likewise: the same frames. That of range is of the mean limb [px].
 _LEAST = (3e-5, 3e-4, 0.012, 0.002)
@@ -32,8 +36,8 @@ _LEAST = (3e-5, 3e-4, 0.012, 0.002)
 def allowed_rms(asked: Mapping[str, float], group: Group, how: str, error_gain: float = 1.0) -> float:
     """The largest RMS error [1], before the camera's point spread function, with which bodies meet tolerances by unit.
 
-    The bodies are in view and drawn together: `how` is "coverage", "centroids", "rays" or "raster". Of an error that is
-    independent from pixel to pixel the point spread function leaves `error_gain` [1].
+    The bodies are in view and drawn together: `how` is a `WindowPlan.how`. Of an error that is independent from pixel
+    to pixel the point spread function leaves `error_gain` [1].
     """
     laws, found = _laws(group, how, error_gain), 1.0 / error_gain
     for unit, most in asked.items():

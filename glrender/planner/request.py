@@ -103,7 +103,7 @@ class Request:
             raise ConfigError("engine", "must be raster, or left out, where samples are given", self.engine)
 
     def budget(self, group: Group, how: str) -> Budget:
-        """The errors that bodies may have which are drawn so: by "centroids", or an engine's name.
+        """The errors that bodies may have which are drawn so: by a `WindowPlan.how`.
 
         They are before the camera's point spread function, which leaves that of the flux as it is.
         """

@@ -23,8 +23,6 @@ _EDGES = 0.47
 _CREASES = 0.67
 _CREASE_POWER = 0.8
 _LIT_POWER = 1.2
-# The same of points of the Sun's disc, where all of a body is half eclipsed: half of the samples are lit.
-_DISC_NOISE = 0.5
 # The same data: errors of the flux, of pixels and of the centre of light [px], over that.
 _FLUX = 2.8
 _PIXELS = 1.2
@@ -40,7 +38,8 @@ def sampling_errors(view: BodyView, traits: BodyTraits, n_across: float, penumbr
     lit = lit_share(view.phase_rad)
     crowd = FACETS_SEEN * traits.n_facets / NOISE_FACETS
     creases = _CREASES * traits.slope**_CREASE_POWER * min(math.sqrt(math.sqrt(crowd) / n_across), 1.0)
-    noise = _DISC_NOISE * math.sqrt(penumbra)
+    # Where all of a body is half eclipsed half of the samples are lit: they deviate by a half from their mean.
+    noise = 0.5 * math.sqrt(penumbra)
     error = lit**-_LIT_POWER * math.hypot(_EDGES / math.sqrt(n_across), creases, noise) / n_across
     flux = _FLUX / math.sqrt(lit) * error
     return flux, _PIXELS * min(view.size_px, 1e5) * error + flux

@@ -166,16 +166,27 @@ def _table():
     return {unit: (*map(float, factors), power(area), power(lit)) for unit, *factors, area, lit in rows}
 
 
-@pytest.mark.parametrize("how, column", [("coverage", 0), ("centroids", 1), ("rays", 2), ("raster", 2)])
+@pytest.mark.parametrize("how, column, times", [
+    ("coverage", 0, 1.0), ("centroids", 1, 1.0), ("rough centroids", 1, 1.8), ("rays", 2, 1.0), ("raster", 2, 1.0)])
 @pytest.mark.parametrize("size_px, phase_deg", [(50.0, 20.0), (400.0, 130.0)])
-def test_errors_by_unit_follow_the_documented_table(how, column, size_px, phase_deg):
+def test_errors_by_unit_follow_the_documented_table(how, column, times, size_px, phase_deg):
     """A large RMS error, beside which the least that is promised is nothing; the area is that of the body's box."""
     member, rms = view(size_px=size_px, phase_deg=phase_deg), 50.0
     area, lit = 0.8 * size_px**2, 0.5 * (1.0 + math.cos(math.radians(phase_deg)))
     found, table = frame_errors([(Group.of([member], CAMERA), how, rms, 0.0)]), _table()
     assert set(table) == set(found)
     for unit, row in table.items():
-        assert found[unit] == pytest.approx(rms * row[column] * area ** row[3] * lit ** row[4], rel=1e-3), unit
+        assert found[unit] == pytest.approx(times * rms * row[column] * area ** row[3] * lit ** row[4], rel=1e-3), unit
+
+
+@pytest.mark.parametrize("asked, wanted", [(0.02, "rough centroids"), ({"limb_px": 0.05}, "coverage")])
+def test_rough_facets_by_centroids_err_more_and_are_clipped_sooner_where_a_unit_is_asked_for(asked, wanted):
+    """A limb to 0.05 px: smooth facets by centroids may err by 1.8 times as much as rough ones, in RMS."""
+    member, hows = view(size_px=300.0), []
+    for crease_rad in (0.148, 0.152):
+        window = first(member, traits(n_facets=300_000, crease_rad=crease_rad, facet_m=1.0), asked)
+        hows.append(window.how)
+    assert hows == ["centroids", wanted]
 
 
 def test_no_less_is_promised_than_the_document_says():
