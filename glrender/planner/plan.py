@@ -313,7 +313,7 @@ class RenderPlan:
         told = asdict(self)
         del told["navigation"], told["way_out"]
         if not self.jacobian_error:
-            del told[\"jacobian_error\"]
+            del told["jacobian_error"]
         windows = [{**each, "predicted_error": window.predicted_error}
                    for each, window in zip(told["windows"], self.windows, strict=True)]
         bodies = [{**each, "penumbra_px": body.penumbra.width_px}
