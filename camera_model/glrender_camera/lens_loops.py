@@ -11,7 +11,7 @@ import math
 import numpy as np
 from numba.types import float64, void
 
-from .numba_loops import POINTS, VECTOR, compiled, inlined, write
+from .numba_loops import POINTS, VECTOR, compiled_when_called, inlined, write
 
 # Largest residual of the distorted coordinates [1]: 1e-8 px at a focal length of 1e4 px.
 _TOLERANCE = 1e-12
@@ -34,7 +34,7 @@ def _image(x, y, lens):
             x * y * slope + 2.0 * (p1 * x + p2 * y), ratio + y * y * slope + 6.0 * p1 * y + 2.0 * p2 * x)
 
 
-@compiled(void(POINTS, VECTOR, write(float64, 2)))
+@compiled_when_called(void(POINTS, VECTOR, write(float64, 2)))
 def distort(xy, lens, image):
     """Write the images (2, N) [1] of places (2, N) [1]; beyond the rim along the derivative across it."""
     for i in range(xy.shape[1]):
@@ -47,7 +47,7 @@ def distort(xy, lens, image):
         image[1, i] = v + beyond * (b * x + c * y)
 
 
-@compiled(void(POINTS, VECTOR, write(float64, 1)))
+@compiled_when_called(void(POINTS, VECTOR, write(float64, 1)))
 def area_scales(xy, lens, scale):
     """Write the area (N,) [1] that the lens makes of an area 1 at each place (2, N) [1]; beyond the rim that on it."""
     for i in range(xy.shape[1]):
@@ -58,7 +58,7 @@ def area_scales(xy, lens, scale):
         scale[i] = a * c - b * b
 
 
-@compiled(void(POINTS, VECTOR, write(float64, 2)))
+@compiled_when_called(void(POINTS, VECTOR, write(float64, 2)))
 def undistort(image, lens, xy):
     """Write the places (2, N) [1] that have images (2, N) [1], by Newton's method; NaN where none is near enough."""
     limit = lens[8]

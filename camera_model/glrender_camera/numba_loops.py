@@ -6,8 +6,10 @@ Numba decides by a file's text alone whether the code that it kept is old, so a 
 from __future__ import annotations
 
 import logging
+import threading
 import time
 from collections.abc import Callable
+from functools import wraps
 from typing import Any
 
 from numba import njit, types
@@ -15,13 +17,15 @@ from numba.types import UniTuple, float64, intp
 
 _log = logging.getLogger(__name__)
 
-N_LOOPS = 40
-"""Loops that are compiled, of all files: for who waits for the first time."""
+N_LOOPS = 32
+"""Loops that are compiled at the start, of all files: for who waits for the first time."""
 # Seconds between two words about it.
 _PAUSE_S = 5.0
 
 inlined = njit(inline="always", error_model="numpy")
 """Decorator: of what becomes a part of the loops that call it, and is compiled with them."""
+called = njit(nogil=True, error_model="numpy")
+"""Decorator: of what loops of its file call, and is compiled with the first."""
 
 
 def compiled(signature: Any) -> Callable[[Callable], Callable]:
@@ -42,6 +46,24 @@ def compiled(signature: Any) -> Callable[[Callable], Callable]:
         except Exception as error:
             _log.warning("machine code of %s is not kept: %s: %s", function.__name__, type(error).__name__, error)
             return njit(signature, **made)(function)
+
+    return decorate
+
+
+def compiled_when_called(signature: Any) -> Callable[[Callable], Callable]:
+    """Decorator: for loops that few frames need, and no other loop calls; others start without them."""
+    def decorate(function: Callable) -> Callable:
+        loop, lock = None, threading.Lock()
+
+        @wraps(function)
+        def call(*arguments: Any) -> Any:
+            nonlocal loop
+            if loop is None:
+                with lock:
+                    loop = loop or compiled(signature)(function)
+            return loop(*arguments)
+
+        return call
 
     return decorate
 

@@ -6,9 +6,11 @@ import os
 import re
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
+from glrender_camera import numba_loops
 
 ROOT = Path(__file__).parents[2]
 LOOP = """
@@ -57,6 +59,17 @@ def test_half_a_file_is_not_read(tmp_path, suffix, size):
     file.write_bytes(file.read_bytes()[:size])
     value, warning = started(tmp_path, NUMBA_CACHE_DIR=str(folder))
     assert value == ["42", "0"] and "machine code of twice is not kept" in warning
+
+
+def test_what_few_need_is_made_when_it_is_called(tmp_path, monkeypatch):
+    """Once, also where threads call it together."""
+    made = []
+    monkeypatch.setattr(numba_loops, "compiled", lambda signature: lambda function: made.append(signature) or function)
+    twice = numba_loops.compiled_when_called("a signature")(lambda x: 2 * x)
+    assert not made
+    with ThreadPoolExecutor(4) as pool:
+        assert list(pool.map(twice, range(8))) == [0, 2, 4, 6, 8, 10, 12, 14]
+    assert made == ["a signature"]
 
 
 def test_no_loop_calls_one_of_another_file():

@@ -10,16 +10,16 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from glrender_camera.numba_loops import TABLE, VECTOR, compiled, read, write
+from glrender_camera.numba_loops import TABLE, VECTOR, called, compiled_when_called, read, write
 from numba.types import float32, float64, int32, intp, void
 
 # Distance from a border of cells [px] within which a line lies along it: both sides change by half as much.
 _ALONG = 1e-9
 _SWEPT, _AREAS, _RATES = write(float64, 3), write(float64, 3), read(float64, 3)
-_STEPS, _CORNERS = write(float64, 1), read(intp, 2)
+_CORNERS = read(intp, 2)
 
 
-@compiled(write(float64, 3)(TABLE, TABLE, TABLE, VECTOR, float64))
+@compiled_when_called(write(float64, 3)(TABLE, TABLE, TABLE, VECTOR, float64))
 def place_rates(r_camera_m, shifts, turns, stretches, focal_length_px):
     """Rates (P, 2, K) [px] of the places of points (3, P) [m] in `camera`.
 
@@ -39,7 +39,7 @@ def place_rates(r_camera_m, shifts, turns, stretches, focal_length_px):
     return found
 
 
-@compiled(void(_AREAS, float64, float64, float64, float64, _STEPS))
+@called
 def _add_left(areas, y0, dy, begin, end, steps):
     """Add the changes by the part of a line, between shares of its length, that lies to the left of all cells."""
     rows = areas.shape[0]
@@ -51,7 +51,7 @@ def _add_left(areas, y0, dy, begin, end, steps):
             areas[row, 0, j] += steps[j] * height
 
 
-@compiled(void(_SWEPT, _AREAS, float64, float64, float64, float64, _STEPS, _STEPS, float64, _STEPS))
+@called
 def _walk(swept, areas, x0, y0, x1, y1, first, last, step, steps):
     """Follow a line from (x0, y0) to (x1, y1) through the cells (R, C) that it crosses.
 
@@ -130,7 +130,7 @@ def _walk(swept, areas, x0, y0, x1, y1, first, last, step, steps):
             return
 
 
-@compiled(void(_SWEPT, _AREAS, TABLE, _RATES, intp, intp, float64, float64, float64, _STEPS, _STEPS, _STEPS))
+@called
 def _add_line(swept, areas, xy, rates, a, b, left, top, step, steps, first, last):
     """Add what a line between two points changes, by their places (2, P) [px] and rates (P, 2, K) [px]."""
     x0, y0, x1, y1 = xy[0, a] - left, xy[1, a] - top, xy[0, b] - left, xy[1, b] - top
@@ -155,7 +155,7 @@ def _add_line(swept, areas, xy, rates, a, b, left, top, step, steps, first, last
             _walk(swept, areas, x0, y + side, x1, y + side, first, last, 0.5 * step, steps)
 
 
-@compiled(void(_SWEPT, _AREAS, TABLE, _RATES, _CORNERS, read(int32, 2), TABLE, float64, float64))
+@compiled_when_called(void(_SWEPT, _AREAS, TABLE, _RATES, _CORNERS, read(int32, 2), TABLE, float64, float64))
 def add_facets(swept, areas, xy, rates, corners, neighbours, values, left, top):
     """Add what lines around whole facets change: values (1 + M, F) are radiance and its own changes.
 
@@ -176,7 +176,7 @@ def add_facets(swept, areas, xy, rates, corners, neighbours, values, left, top):
                           here - there, steps, first, last)
 
 
-@compiled(void(_SWEPT, _AREAS, TABLE, _RATES, read(intp, 2, "A"), TABLE, float64, float64))
+@compiled_when_called(void(_SWEPT, _AREAS, TABLE, _RATES, read(intp, 2, "A"), TABLE, float64, float64))
 def add_polygons(swept, areas, xy, rates, corners, values, left, top):
     """Add what lines around polygons of corners (C, N) change: values (1 + M, N) are radiance and its own changes."""
     first, last, steps = np.empty(swept.shape[2]), np.empty(swept.shape[2]), np.empty(len(values) - 1)
@@ -188,7 +188,7 @@ def add_polygons(swept, areas, xy, rates, corners, values, left, top):
                       values[0, i], steps, first, last)
 
 
-@compiled(void(_SWEPT, TABLE, _RATES, TABLE, float64, float64))
+@compiled_when_called(void(_SWEPT, TABLE, _RATES, TABLE, float64, float64))
 def add_cuts(swept, xy, rates, values, left, top):
     """Add what lines change that move with respect to what they bound: begins, then ends, at places (2, 2 N).
 
@@ -200,7 +200,7 @@ def add_cuts(swept, xy, rates, values, left, top):
         _add_line(swept, areas, xy, rates, i, i + values.shape[1], left, top, values[0, i], steps, first, last)
 
 
-@compiled(void(_SWEPT, _AREAS, read(intp, 1), float64, VECTOR, VECTOR, write(float32, 3, "A")))
+@compiled_when_called(void(_SWEPT, _AREAS, read(intp, 1), float64, VECTOR, VECTOR, write(float32, 3, "A")))
 def finish(swept, areas, which, scale, across, down, found):
     """Add derivatives (K, R, C): areas swept, and the sums along rows (M,) of those `which` (M,) have any.
 
