@@ -127,7 +127,7 @@ class Body:
             if getattr(self, key) is not None:
                 raise ConfigError(key, "goes with brdf: this body has the materials of its file", hint="give brdf too")
         laws, notes = {}, []
-        for each in (self.shape.materials[number] for number in np.unique(self.shape.material)):
+        for each in (self.shape.materials[number] for number in np.unique(np.asarray(self.shape.material))):
             laws[each.name] = law = given.get(each.name, each.law)
             with error_path(f"materials.{each.name}"):
                 if law is None:
@@ -140,7 +140,7 @@ class Body:
     @property
     def laws(self) -> tuple[Law, ...]:
         """Its law, or those of its materials."""
-        return (self.brdf,) if self.materials is None else tuple(self.materials.values())
+        return tuple((self.materials or {}).values()) if self.brdf is None else (self.brdf,)
 
     @cached_property
     def parts(self) -> tuple[Body, ...]:
@@ -152,13 +152,14 @@ class Body:
     @cached_property
     def _looks(self) -> np.ndarray:
         """Number (F,) of the first material that each facet looks like: engines' cost grows with their parts."""
-        first, same = {}, np.arange(len(self.shape.materials))
-        for number in np.unique(self.shape.material):
+        first: dict[Law, int] = {}
+        of_facets, same = np.asarray(self.shape.material), np.arange(len(self.shape.materials))
+        for number in np.unique(of_facets):
             material = self.shape.materials[number]
-            law = self.materials[material.name]
+            law = (self.materials or {})[material.name]
             if material.image is None and isinstance(law, Lambert | Microfacet):
                 same[number] = first.setdefault(law, number)
-        return same[self.shape.material]
+        return same[of_facets]
 
     def facets_of(self, part: Body) -> np.ndarray:
         """Numbers (F,) of the facets of one of its parts."""
@@ -169,10 +170,11 @@ class Body:
     def _part(self, number: int) -> Body:
         material, shape = self.shape.materials[number], self.shape.part(self._looks == number)
         with error_path(f"materials.{material.name}"):
-            if (image := material.albedo_map) is not None:
+            if (image := material.albedo_map) is not None and shape.uv is not None:
                 image, uv = repeated(image, shape.uv)
                 shape = replace(shape, uv=uv)
-            made = replace(self, shape=shape, brdf=self.materials[material.name], materials=None, albedo_map=image)
+            law = (self.materials or {})[material.name]
+            made = replace(self, shape=shape, brdf=law, materials=None, albedo_map=image)
         # No caller's body has such a name.
         object.__setattr__(made, "name", f"{self.name}{PART}{number}")
         if self.smooth_normals:
