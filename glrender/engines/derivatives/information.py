@@ -61,7 +61,8 @@ class Information:
         jacobian, (*_, camera) = image.jacobian, image.request
         model = camera.model if model is None else model
         if not isinstance(model, CameraModel):
-            raise ConfigError("model", "must be a CameraModel, of one band", model)
+            raise ConfigError("model", "must be a CameraModel, of one band", model,
+                              'give one, as CameraModel.from_dict({"preset": "generic_navigation_camera"})')
         chosen, warnings = _chosen(jacobian, components), ()
         sensor = Readout.of(model, camera, image.irradiance_W_m2, exposure_s)
         fit = Fit.of(sensor, jacobian, chosen, _checked_unknown(unknown))
@@ -214,17 +215,26 @@ def _chosen(jacobian: Jacobian, components: Mapping[str, Sequence[int]] | None) 
     """Names and numbers of the derivatives whose parameters are estimated: by default all."""
     if components is None:
         return [(name, k) for name in jacobian for k in range(len(jacobian[name]))]
+    if not isinstance(components, Mapping):
+        raise ConfigError("components", "must be a mapping of names to numbers", components,
+                          'as {"spacecraft": (0, 1, 2)}')
     chosen = []
     for name, numbers in components.items():
         if name not in jacobian:
             raise ConfigError(f"components.{name}", f"must be one of {', '.join(jacobian)}", name,
                               did_you_mean(name, jacobian) or "ask for it in derivatives")
+        if isinstance(numbers, str) or not isinstance(numbers, Iterable):
+            raise ConfigError(f"components.{name}", "must be a list of numbers", numbers, "as (0, 1, 2)")
         chosen += [(name, integer(f"components.{name}[{place}]", k, 0, len(jacobian[name]) - 1))
                    for place, k in enumerate(numbers)]
+    if not chosen or len(set(chosen)) < len(chosen):
+        raise ConfigError("components", "must name one at least, and each once", components, "leave it out for all")
     return chosen
 
 
 def _checked_unknown(unknown: Iterable[str]) -> tuple[str, ...]:
+    if not isinstance(unknown, Iterable):
+        raise ConfigError("unknown", f"must be names of {', '.join(UNKNOWN)}", unknown, "() for none")
     names = (unknown,) if isinstance(unknown, str) else tuple(unknown)
     for index, name in enumerate(names):
         if name not in UNKNOWN:

@@ -110,7 +110,12 @@ def test_bad_arguments():
         alone.information(CAMERA.model)
     for arguments, message in (({"unknown": ("gains",)}, "did you mean 'gain'"), ({"model": 3}, "be a CameraModel"),
                                ({"components": {"sun": (0,)}}, "ask for it in derivatives"),
-                               ({"components": {"spacecraft": (6,)}}, r"components.spacecraft\[0\]")):
+                               ({"components": {"spacecraft": (6,)}}, r"components.spacecraft\[0\]"),
+                               ({"components": ("spacecraft",)}, r"components: must be a mapping.*\{.spacecraft.: \("),
+                               ({"components": {"spacecraft": 0}}, r"components.spacecraft: must be a list.*got 0"),
+                               ({"components": {"spacecraft": (0, 0)}}, "each once.*leave it out"),
+                               ({"components": {}}, "one at least"), ({"unknown": None}, r"unknown: must be .*\(\)"),
+                               ({"model": {"preset": "x"}}, "CameraModel.from_dict")):
         with pytest.raises(ConfigError, match=message):
             image.information(**arguments)
     known = image.information()
