@@ -1,4 +1,4 @@
-"""Constants of nature, once. `python -m glrender.shaders` writes those that GLSL needs."""
+"""Constants of nature and of the calendar, once. `python -m glrender.shaders` writes those that GLSL needs."""
 
 from __future__ import annotations
 
@@ -19,6 +19,8 @@ GM_SUN_M3_S2 = 1.327_124_400_412_794_2e20
 """Gravitational parameter of the Sun [m3/s2], TDB; Park et al. (2021), DE440."""
 OBLIQUITY_J2000_RAD = math.radians(84_381.448 / 3600.0)
 """Obliquity of the ecliptic of J2000 to the equator of ICRF [rad]; IAU 1976, as SPICE's ECLIPJ2000 has it."""
+FIRST_YEAR, LAST_YEAR = 1583, 9998
+"""Calendar years of dates: Gregorian all through the first, and a year from the last that a date can be of."""
 
 GLSL_CONSTANTS = {"PI": PI}
 """Constants that `constants.glsl` holds, by name."""

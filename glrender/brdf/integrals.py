@@ -15,6 +15,8 @@ N_NODES = 96
 1e-5 with a mean slope of some degrees."""
 # Ends of the pieces of a phase integral [rad]: an opposition surge is narrow.
 _PHASE_PIECES = (0.0, 1e-4, 1e-3, 1e-2, 0.05, 0.2, 0.8, 2.0, np.pi)
+# Incidences [rad] and nodes by which a law's greatest albedo is found: a bound that is read, to a percent.
+_INCIDENCES, _FEW_NODES = (0.0, 0.5, 1.0, 1.3, 1.5), 32
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -151,3 +153,8 @@ def hemispherical_albedo(law: Law, incidence: float, n_nodes: int = N_NODES) -> 
     value = law.brdf(to_sun, to_camera, np.array([0.0, 0.0, 1.0]))
     # Both sides of the principal plane are alike.
     return float(2.0 * np.sum(value * solid_angle * (0.5 * np.pi * du)[None, :]))
+
+
+def greatest_albedo(law: Law) -> float:
+    """Largest share of the light falling on a plane that leaves it, at any incidence."""
+    return max(hemispherical_albedo(law, incidence, _FEW_NODES) for incidence in _INCIDENCES)

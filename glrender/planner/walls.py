@@ -4,11 +4,8 @@ from __future__ import annotations
 
 import math
 
-from ..brdf.integrals import hemispherical_albedo
+from ..brdf.integrals import greatest_albedo
 from ..scene.scene import Body, Scene
-
-# Incidences [rad] and nodes by which a law's largest share of light that is scattered is found.
-_INCIDENCES, _NODES = (0.0, 0.5, 1.0, 1.3, 1.5), 32
 
 
 def between_walls(scene: Scene) -> tuple[str, ...]:
@@ -24,6 +21,6 @@ def between_walls(scene: Scene) -> tuple[str, ...]:
 def _most_times(body: Body) -> float:
     albedo = 0.0
     for part in body.parts:
-        share = max(hemispherical_albedo(part.brdf, incidence, _NODES) for incidence in _INCIDENCES)
-        albedo = max(albedo, share * (1.0 if part.albedo_map is None else float(part.albedo_map.max())))
+        scale = 1.0 if part.albedo_map is None else float(part.albedo_map.max())
+        albedo = max(albedo, greatest_albedo(part.brdf) * scale)
     return 1.0 / (1.0 - albedo) if albedo < 1.0 else math.inf

@@ -11,7 +11,7 @@ import numpy as np
 from glrender_camera.validate import finite, known_keys, position, unit_quaternion, vector
 from scipy.spatial.transform import Rotation
 
-from ..base.constants import SPEED_OF_LIGHT_M_S
+from ..base.constants import FIRST_YEAR, LAST_YEAR, SPEED_OF_LIGHT_M_S
 from ..base.errors import ConfigError, error_path
 
 if TYPE_CHECKING:
@@ -24,9 +24,7 @@ _POSE_KEYS = (*_POSE_REQUIRED, "q_from_inertial")
 _RATE_KEYS = ("v_inertial_m_s", "angular_velocity_rad_s")
 # 160 turns a second: beyond it degrees were given, or worse.
 _MAX_RATE_RAD_S = 1e3
-# Calendar years of a date: Gregorian all through the first, and a year from the last that a date can be of.
-_FIRST_YEAR, _LAST_YEAR = 1583, 9998
-_OF_YEARS = f"must be of the years {_FIRST_YEAR} to {_LAST_YEAR}"
+_OF_YEARS = f"must be of the years {FIRST_YEAR} to {LAST_YEAR}"
 # The frame's axes are those of `inertial`.
 _IDENTITY: Any = tuple(Rotation.identity().as_quat(scalar_first=True).tolist())
 
@@ -227,7 +225,7 @@ def _checked_date(name: str, value: object) -> str:
         raise ConfigError(name, "must be a date year-month-dayThour:minute:second", value, hint) from None
     if date.tzinfo is not None:
         raise ConfigError(name, "must be TDB, without a Z or an offset", value, hint)
-    if not _FIRST_YEAR <= date.year <= _LAST_YEAR:
+    if not FIRST_YEAR <= date.year <= LAST_YEAR:
         raise ConfigError(name, _OF_YEARS, value, hint)
     return date.isoformat()
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...base.constants import AU_M
+from ...base.constants import AU_M, FIRST_YEAR
 from ...base.errors import ConfigError, error_path
 from ..epochs import Epoch
 from ..kepler import EQUATORIAL_FROM_ECLIPTIC
@@ -25,8 +25,6 @@ _FRAMES = {"ICRF": np.eye(3), "ICRF/J2000.0": np.eye(3), "Ecliptic of J2000.0": 
 _SYSTEMS = {"Earth Mean Equator and Equinox of Reference Epoch": np.eye(3),
             "Ecliptic and Mean Equinox of Reference Epoch": EQUATORIAL_FROM_ECLIPTIC}
 _DATE = re.compile(r"(A\.D\.|B\.C\.)\s+(\d{4}-[A-Z][a-z]{2}-\d\d\s+\d\d:\d\d(?::\d\d)?)(\.\d+)?")
-# The calendar is Gregorian from then on, whatever the table's mode.
-_FIRST_YEAR = 1583
 
 
 def trajectory_of_horizons(path: str | Path, about: str | Sequence[str], object_name: str | None = None, *,
@@ -160,6 +158,7 @@ def _epoch(date: re.Match, scale: str, name: str) -> Epoch:
         moment = date_of(date[2].replace("-", " ") + (date[3] or ""))
     except ValueError:
         raise ConfigError(name, "must be a date that there is", date[0]) from None
-    if date[1] != "A.D." or int(moment[:4]) < _FIRST_YEAR:
-        raise ConfigError(name, f"must be a date of the years from {_FIRST_YEAR} on", date[0])
+    # The calendar is Gregorian from then on, whatever the table's mode.
+    if date[1] != "A.D." or int(moment[:4]) < FIRST_YEAR:
+        raise ConfigError(name, f"must be a date of the years from {FIRST_YEAR} on", date[0])
     return Epoch.from_scale(moment, scale, name)
