@@ -68,7 +68,7 @@ class Renderer:
     """
 
     settings: tuple[str, ...] = ()
-    options: tuple[str, ...] = ("engine", "deadline_s", "use", "out", "derivatives")
+    options: tuple[str, ...] = ("engine", "deadline_s", "use", "derivatives")
 
     def __init__(self, scene: Scene, backend: str = "auto", device_index: int | None = None):
         if not isinstance(scene, Scene):
@@ -138,7 +138,7 @@ class Renderer:
     def render(self, state: State, camera: str | PinholeCamera | None = None, *,
                max_error: float | Mapping[str, float] | None = None, products: Iterable[str] = ("irradiance",),
                samples: int | None = None, engine: str | None = None, deadline_s: float | None = None,
-               use: ImageUse = WHOLE_IMAGE, out: np.ndarray | None = None, derivatives: Iterable[str] = ()) -> Image:
+               use: ImageUse = WHOLE_IMAGE, derivatives: Iterable[str] = ()) -> Image:
         """Draw one frame.
 
         Parameters
@@ -159,8 +159,6 @@ class Renderer:
             After which nothing more is begun: the frame is then the best so far, and its plan says so.
         use : ImageUse, optional
             `capture` passes it.
-        out : (height, width) float32 array, optional
-            Where the irradiance is drawn, instead of new memory.
         derivatives : iterable of str
             Parameters by which the image is differentiated: ``spacecraft``, ``bodies.NAME``, ``sun``,
             ``focal_length``, and ``law.NAME`` of a law's number (docs/derivatives.md).
@@ -186,7 +184,7 @@ class Renderer:
             seen = seen_bodies(state, request.camera, self._parts.drawn.hulls, traits, request.has_sun_disc)
             if names:
                 check_derivable(names, self.scene, request, seen)
-            plan, irradiance = plan_frame(seen, request), _blank(request.camera, out)
+            plan, irradiance = plan_frame(seen, request), _blank(request.camera, use.out)
             clock.lap("plan")
             frame = self._frame(plan)
             clock.lap("shadow")

@@ -122,7 +122,8 @@ class Drawing:
         n = self._n = 1 if self.lens is None else self.lens.oversampling
         self._share = (camera.model.psf_noise_gain if is_for_detector else 1.0) / n
         if "use" in taken:
-            self._options["use"] = ImageUse(error_gain=self._share, apart_px=_APART_PX * n if is_for_detector else 0.0)
+            self._options["use"] = ImageUse(error_gain=self._share, out=options.get("out"),
+                                            apart_px=_APART_PX * n if is_for_detector else 0.0)
             self._share = 1.0
         asked = in_pixels(by_unit(self._tolerance), n)
         if "rms" in asked:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
+import numpy as np
 from glrender_camera import PinholeCamera
 from glrender_camera.validate import integer, within
 
@@ -34,6 +35,8 @@ class ImageUse:
         places that a point spread function can use. At a phase angle g those up to 1 / cos(g / 2) as large are, at
         most 4 times. Of several the smallest, as many as together cover no more than one body of this size; none in an
         emission that dims.
+    out : (height, width) float32 array, optional
+        Where the irradiance is drawn, instead of new memory.
 
     Raises
     ------
@@ -42,6 +45,7 @@ class ImageUse:
 
     error_gain: float = 1.0
     apart_px: float = 0.0
+    out: np.ndarray | None = field(default=None, compare=False)
 
     def __post_init__(self):
         object.__setattr__(self, "error_gain", within("error_gain", self.error_gain, 1e-9, 1.0))

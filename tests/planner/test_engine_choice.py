@@ -338,7 +338,7 @@ def test_a_use_and_a_place_that_are_none_are_refused_by_name(lumpy, field, value
     with Renderer(replace(lumpy.scene, emission=(coma,))) as dimmed:
         for renderer in (lumpy, dimmed):
             with pytest.raises(ConfigError, match=f"^{field}: {rule}"):
-                renderer.render(views.state(), **{field: value})
+                renderer.render(views.state(), use=ImageUse(out=value) if field == "out" else value)
 
 
 @pytest.mark.parametrize("deadline_s", [0.0, -1.0, float("nan")])
