@@ -39,7 +39,8 @@ def without_margin(jacobian: Jacobian, margin_px: int, camera: PinholeCamera) ->
 def of_digital_numbers(jacobian: Jacobian, camera: PinholeCamera, margin_px: int, frame: Frame) -> Jacobian:
     """Derivatives [DN] of a frame's mean digital numbers by those of the image (with its margin) that it was made of.
 
-    Full pixels have none; the pixels' own pattern and a bent characteristic are left out.
+    Full pixels have none. Stars, the Sun's own disc, light from beyond the frame, faults, the pixels' own pattern and a
+    bent characteristic are left out.
     """
     model, seen = camera.model, camera.with_margin(margin_px)
     x0, y0, x1, y1 = jacobian.roi

@@ -125,7 +125,8 @@ class IrradiancePass:
         if hopeless := [name for window in windows if math.isinf(window.predicted_error) for name in window.bodies]:
             asked = "derivatives" if plan.request.has_derivatives else "engine"
             raise ConfigError(asked, f"cannot draw {', '.join(hopeless)}", plan.request.engine,
-                              f"light falls between the corners of facets; leave {asked} out")
+                              "no corner of a facet has light: it falls between them, or the law's albedo is 0; "
+                              f"leave {asked} out")
         return Drawn(irradiance_W_m2=irradiance, small_bodies=tuple(small), windows=tuple(windows),
                      bodies=tuple(frame.bodies), areas=tuple(areas), is_late=time.monotonic() > deadline)
 
