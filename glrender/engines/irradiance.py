@@ -46,6 +46,8 @@ _FIRST_RAYS = 3e5
 _FACING_TILE_PX = 32
 # Error of a frame by facets' areas over that by contrast [1] from which samples pass parts by: of natural shapes 1.
 _MUCH_LARGER = 1.5
+# Share of the light of areas [1] that samples miss of it, from which a dark image is theirs, and no shadow's.
+_MISSED = 0.5
 # Samples along the side of a part that OpenGL draws behind a lens: it draws three times as many, and more.
 _LENS_TILE = 1024
 
@@ -264,14 +266,16 @@ class IrradiancePass:
         if is_eclipsed:
             power = min(power, eclipse_samples.ECLIPSE_POWER)
             error = np.maximum(error, eclipse_samples.pixel_errors(variance, window.samples, window.eclipse_px))
-        missed = None
+        missed, light = None, mean
         if self._coverage is not None and facets_per_px <= MOST_FACETS_PER_PX:
             by_areas = partial(self._coverage.sampling_errors, window.bodies, list(frame.views), ImageCells(
                 frame.camera, window.bounds_px, (x1 - x0, y1 - y0)))
             of_areas = by_areas(window.samples)
-            if frame_error(mean, of_areas) > _MUCH_LARGER * frame_error(mean, error):
+            if not mean.any() and of_areas.sum() > _MISSED * by_areas(0).sum():
+                light = by_areas(0).astype(np.float32)
+            if frame_error(light, of_areas) > _MUCH_LARGER * frame_error(light, error):
                 error, missed = np.maximum(error, of_areas, dtype=np.float32), by_areas
-        now = frame_error(mean, error)
+        now = frame_error(light, error)
         # Edges of shadows lie where the map's texels put them, however many samples see them.
         edges = now * window.samples**(0.5 * power) * math.sqrt(window.shadow_share)
         if check is not None:
@@ -285,7 +289,7 @@ class IrradiancePass:
         has_aim = is_last or floor <= window.budget.tolerance or math.isfinite(deadline)
         if math.isfinite(left) and has_aim and time.monotonic() < deadline:
             left *= ECLIPSE_SHARE if is_eclipsed else 1.0
-            refinement = plan_refinement(mean, error, window.samples, left, power, most)
+            refinement = plan_refinement(light, error, window.samples, left, power, most)
             if is_eclipsed:
                 refinement = eclipse_samples.holding_flux(refinement, mean, error, variance, window.samples, left,
                                                           window.budget.flux_asked, most)
@@ -304,7 +308,7 @@ class IrradiancePass:
         if missed is not None:
             after = np.where(refinement.mask, np.maximum(
                 error * (window.samples / refinement.samples) ** (0.5 * power), missed(refinement.samples)), error)
-            reached = max(reached, frame_error(mean, after))
+            reached = max(reached, frame_error(light, after))
         if is_eclipsed:
             # More pixels are lit than the first samples showed.
             count = eclipse_samples.counts(refinement, window.samples)

@@ -27,6 +27,7 @@ def sampling_errors(bodies: Iterable[tuple[FacetTables, BodyView]], cells: Image
         All of each before the camera, which has no lens.
     cells : ImageCells
     count : int
+        0 for the light of the areas itself.
     solar_W_m2 : float [W/m2]
         Irradiance of the Sun at 1 au.
     """
@@ -38,8 +39,9 @@ def sampling_errors(bodies: Iterable[tuple[FacetTables, BodyView]], cells: Image
             xy_px, facets.corners, cells.bounds_px)
         radiance[facing] = FacetRadiance(facets, view, facing, cosines).of(facing)
         outlines.add_facets(changes, cells, facets, view, xy_px, radiance)
-        accumulate.take_samples(changes, xy_px, facets.corners, facets.neighbours, radiance, count, cells.origin_px,
-                                cells.per_px)
+        if count:
+            accumulate.take_samples(changes, xy_px, facets.corners, facets.neighbours, radiance, count,
+                                    cells.origin_px, cells.per_px)
     error, cover = np.empty((2, *cells.shape))
     accumulate.means(changes, 0, len(error), error, cover)
     across, down = cells.tangents_squared

@@ -64,3 +64,14 @@ def test_a_bar_narrower_than_samples_is_found_or_its_error_predicted(engine, wid
         image = renderer.render(state, engine=engine, max_error=0.02)
     error = views.relative_rms(image.irradiance_W_m2.astype(float), LIGHT * area)
     assert error <= 1.4 * image.plan.predicted_error
+
+
+@pytest.mark.parametrize("engine", ["rays", "raster"])
+def test_a_bar_that_all_samples_pass_by_is_no_dark_image_without_an_error(engine):
+    """A thousandth of a pixel lies between all rows of samples: the whole light is the error."""
+    scene, state, area = bar(1e-3, 0.501)
+    with Renderer(scene) as renderer:
+        image = renderer.render(state, engine=engine, max_error=0.02)
+    error = views.relative_rms(image.irradiance_W_m2.astype(float), LIGHT * area)
+    assert error > 0.5 and image.plan.predicted_error > 0.5
+    assert any("exceeds max_error" in str(each) for each in image.warnings)
