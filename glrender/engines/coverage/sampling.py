@@ -13,6 +13,9 @@ from .facet_tables import FacetTables
 from .image_cells import ImageCells
 from .sub_triangles import projected
 
+# Cells at once, of some 60 bytes.
+_CELLS = 1 << 15
+
 
 def sampling_errors(bodies: Iterable[tuple[FacetTables, BodyView]], cells: ImageCells, count: int, solar_W_m2: float
                     ) -> np.ndarray:
@@ -31,13 +34,29 @@ def sampling_errors(bodies: Iterable[tuple[FacetTables, BodyView]], cells: Image
     solar_W_m2 : float [W/m2]
         Irradiance of the Sun at 1 au.
     """
-    changes, camera = accumulate.no_changes(cells.shape), cells.camera
+    camera, (rows, columns), drawn = cells.camera, cells.shape, []
     for facets, view in bodies:
         xy_px, radiance = projected(facets.vertices_m, view, camera), np.zeros(facets.n_facets)
         facing, cosines, *_ = facet_loops.facing(
             facets.normal, facets.offset_m, 0, facets.n_facets, view.sun_direction_body, 0.0, view.r_camera_body_m,
             xy_px, facets.corners, cells.bounds_px)
         radiance[facing] = FacetRadiance(facets, view, facing, cosines).of(facing)
+        drawn.append((facets, view, xy_px, radiance))
+    found, (left, top, right, _) = np.empty(cells.shape, np.float32), cells.bounds_px
+    step = -(-_CELLS // columns)
+    for first in range(0, rows, step):
+        last = min(first + step, rows)
+        band = ImageCells(camera, (left, top + first / cells.per_px[1], right, top + last / cells.per_px[1]),
+                          (columns, last - first))
+        found[first:last] = _errors(drawn, band, count) * (solar_W_m2 / camera.focal_length_px**2)
+    return found
+
+
+def _errors(drawn: list[tuple[FacetTables, BodyView, np.ndarray, np.ndarray]], cells: ImageCells, count: int
+            ) -> np.ndarray:
+    """Those of some rows, in radiance: of facets with their vertices (2, V) [px] and radiance (F,)."""
+    changes = accumulate.no_changes(cells.shape)
+    for facets, view, xy_px, radiance in drawn:
         outlines.add_facets(changes, cells, facets, view, xy_px, radiance)
         if count:
             accumulate.take_samples(changes, xy_px, facets.corners, facets.neighbours, radiance, count,
@@ -45,4 +64,4 @@ def sampling_errors(bodies: Iterable[tuple[FacetTables, BodyView]], cells: Image
     error, cover = np.empty((2, *cells.shape))
     accumulate.means(changes, 0, len(error), error, cover)
     across, down = cells.tangents_squared
-    return np.abs(error) * (solar_W_m2 / camera.focal_length_px**2) * (1.0 + across + down[:, None]) ** -1.5
+    return np.abs(error) * (1.0 + across + down[:, None]) ** -1.5
