@@ -180,6 +180,8 @@ def main(argv: list[str] | None = None) -> int:
         faulthandler.dump_traceback_later(2.0 * _STALLED_S, exit=True)
         try:
             ready = process.stdout.readline()
+            # The page's address follows on a line of its own.
+            ready += process.stdout.readline() if arguments.all else ""
             record = soak(process, ready, adapter, arguments)
         except TimeoutError:
             sys.stderr.write((Path(folder) / "log").read_text()[-4000:])
@@ -227,7 +229,7 @@ def is_due(n_frames: int, n_killed: int, every: int) -> bool:
 def all_beside(ready: str, adapter: tuple[str, subprocess.Popen], served: dict[str, dict]) -> dict:
     """The function and the arguments, by name, of each thing that goes on beside the clients."""
     endpoint, address = ready.split()[3], ready.split()[5]
-    metrics, page = (re.search(rf"{what} on (\S+?)[;)]", ready)[1] for what in ("metrics", "view"))
+    metrics, page = (re.search(rf"{what} on ([^\s;)]+)", ready)[1] for what in ("metrics", "view"))
     return {"scenes": (beside.load_scenes, endpoint, served), "junk": (beside.send_junk, endpoint, address),
             "metrics": (beside.scrape, metrics), "page": (beside.look_at_page, page),
             "vizard": (beside.simulate, adapter[0])}

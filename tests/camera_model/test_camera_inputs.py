@@ -49,7 +49,7 @@ def test_a_bad_detector_is_refused_by_field(field, value):
     (("optics", "psf_sigma_px"), -0.1, "optics.psf_sigma_px"),
     (("detector", "gain"), 1.0, "detector.gain"), (("exposure_s",), 0.0, "exposure_s"),
     (("exposure_s",), "automatic", "exposure_s"), (("shutter",), "open", "shutter"),
-    (("optics",), 3, "optics"), (("auto_exposure",), {"max_s": 1e-9}, "auto_exposure.max_s")])
+    (("optics",), 3, "optics"), (("auto_exposure",), {"min_s": 1e-3, "max_s": 1e-4}, "auto_exposure.max_s")])
 def test_a_bad_table_is_refused_with_the_path(keys, value, path):
     table = {"optics": {"aperture_diameter_m": 0.01}, "detector": dict(SIMPLE), "exposure_s": 0.1}
     target = table

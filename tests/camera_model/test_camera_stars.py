@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from glrender_camera import (
     Aberrations,
+    AutoExposure,
     CameraModel,
     ConfigError,
     Detector,
@@ -355,7 +356,7 @@ def test_the_sun_in_the_field_saturates_and_does_not_crash():
     stray = StrayLight(wing_fraction=1e-4, veiling_glare=1e-5)
     for optics in (dict(psf_sigma_px=0.7), dict(stray_light=stray, f_number=8.0, pixel_pitch_m=5e-6)):
         model = CameraModel(optics=Optics(aperture_diameter_m=0.03, **optics), detector=Detector(**DETECTOR),
-                            exposure_s="auto")
+                            exposure_s="auto", auto_exposure=AutoExposure(min_s=1e-4))
         lens = camera(model)
         sun = sun_in_view(lens, [0.0, 0.0, 1.5e11], 700.0)
         for exposure_s in ("auto", 10.0):

@@ -83,7 +83,7 @@ def test_every_block_of_the_page_is_tried():
 
 
 UNITS = ("m", "px", "s", "ms", "ns", "deg", "rad", "rad_s", "m_s", "nm", "W_m2", "electrons", "DN", "K", "kg_m3", "au",
-         "hz", "rad2_hz")
+         "hz", "rad2_hz", "W_sr")
 # Numbers [1], counts and years of the scene files in docs/.
 PURE = {"B", "R", "acceleration_error", "albedo_factor", "albedo_texture_gain", "aspect", "b", "bit_depth", "c",
         "central_obscuration", "coverage", "depth", "exponent", "extinction_efficiency", "f_number", "facets",

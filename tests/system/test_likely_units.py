@@ -32,7 +32,7 @@ GAIN = {"gain_DN_per_electron": 0.04}
 LEFT_OUT = {"dawn_framing_camera": {"full_well_electrons": 3e5}, "hayabusa_amica": {"quantum_efficiency": 0.5},
             "rosetta_navcam": GAIN, "rosetta_navcam_attenuated": GAIN}
 # Shapes that are not in the project.
-_RADII_M = {"67p": 1650.0}
+_RADII_M = {"67p": 1650.0, "sat": 5.0}
 
 
 def test_there_are_examples_and_listings():
@@ -40,10 +40,10 @@ def test_there_are_examples_and_listings():
 
 
 def scene_of(table):
-    """The bodies and cameras of a scene or scenario file; a sphere for a shape that is not in the project."""
-    bodies = [{"name": body["name"], "brdf": body["brdf"], "generated": body.get("generated", {
-        "kind": "icosphere", "radius_m": _RADII_M.get(body["name"], 250.0), "subdivisions": 2})}
-        for body in table["bodies"]]
+    """The bodies and cameras of a scene or scenario file; a sphere for a shape, and a law, that are of other files."""
+    lambert, sphere = {"law": "lambert", "normal_albedo": 0.3}, {"kind": "icosphere", "subdivisions": 2}
+    bodies = [{"name": body["name"], "brdf": body.get("brdf", lambert), "generated": body.get(
+        "generated", {**sphere, "radius_m": _RADII_M.get(body["name"], 250.0)})} for body in table["bodies"]]
     given = {key: table[key] for key in ("cameras", "solar_irradiance_1au_W_m2") if key in table}
     return Scene.from_dict({"bodies": bodies, **given})
 
