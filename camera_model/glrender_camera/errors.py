@@ -62,6 +62,11 @@ class _Brief(reprlib.Repr):
         super().__init__()
         self.maxlevel, self.maxdict, self.maxlist, self.maxtuple, self.maxstring, self.maxother = 3, 6, 16, 16, 120, 200
 
+    def repr1(self, x: object, level: int) -> str:
+        """A number of NumPy is written as one of Python."""
+        is_number = type(x).__module__ == "numpy" and getattr(x, "shape", None) == ()
+        return super().repr1(x.item() if is_number else x, level)  # type: ignore[attr-defined]
+
     def repr_bytes(self, value: bytes, level: int) -> str:
         return repr(value[:24]) + ("..." if len(value) > 24 else "")
 

@@ -261,3 +261,9 @@ def test_negative_irradiance_of_points_is_told():
         PointSources([[0.0, 0.0], [1.0, 1.0]], [2.0, -1.0])
     with pytest.raises(ConfigError, match=r"xy_px: must be finite"):
         PointSources([[np.nan, 0.0]], [1.0])
+
+
+@pytest.mark.parametrize("got, shown", [(np.float64(-5.0), "-5.0"), (np.int64(3), "3"), (np.bool_(True), "True"),
+                                        ([np.float32(0.5), 2], "[0.5, 2]"), (np.array([1.0, 2.0]), "array([1., 2.])")])
+def test_an_error_shows_a_number_as_a_user_writes_it(got, shown):
+    assert str(ConfigError("field", "must be another", got)) == f"field: must be another, got {shown}"
