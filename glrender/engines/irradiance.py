@@ -46,8 +46,6 @@ _FIRST_RAYS = 3e5
 _FACING_TILE_PX = 32
 # Error of a frame by facets' areas over that by contrast [1] from which samples pass parts by: of natural shapes 1.
 _MUCH_LARGER = 1.5
-# Share of the light of areas [1] that samples miss of it, from which a dark image is theirs, and no shadow's.
-_MISSED = 0.5
 # Samples along the side of a part that OpenGL draws behind a lens: it draws three times as many, and more.
 _LENS_TILE = 1024
 
@@ -271,7 +269,8 @@ class IrradiancePass:
             by_areas = partial(self._coverage.sampling_errors, window.bodies, list(frame.views), ImageCells(
                 frame.camera, window.bounds_px, (x1 - x0, y1 - y0)))
             of_areas = by_areas(window.samples)
-            if not mean.any() and of_areas.sum() > _MISSED * by_areas(0).sum():
+            # An image is dark for what samples pass by, and for no shadow, where they miss most of the light of areas.
+            if not mean.any() and 2.0 * of_areas.sum() > by_areas(0).sum():
                 light = by_areas(0).astype(np.float32)
             if frame_error(light, of_areas) > _MUCH_LARGER * frame_error(light, error):
                 error, missed = np.maximum(error, of_areas, dtype=np.float32), by_areas

@@ -8,8 +8,8 @@ from glrender_camera.lens_map import LensMap
 
 from . import accumulate
 
-# Rows of an image that a thread adds up in a turn.
-_ROWS = 64
+ROWS = 64
+"""Rows of an image that are added up in a turn."""
 
 
 class ImageCells:
@@ -77,7 +77,7 @@ class ImageCells:
         across, down = (np.zeros_like(each) if is_even or lens is not None else each for each in self.tangents_squared)
         scale = solar_W_m2 / self.camera.focal_length_px**2
         largest = max(threads.run_in_parts(
-            lambda part: accumulate.means(changes, part.start, part.stop, image, cover), len(image), _ROWS))
+            lambda part: accumulate.means(changes, part.start, part.stop, image, cover), len(image), ROWS))
         if slopes is not None:
             by_x, by_y = np.empty((2, *self.shape))
             accumulate.means(slopes, 0, len(image), by_x, by_y)
@@ -88,7 +88,7 @@ class ImageCells:
         least = accumulate.ROUNDING * largest
         unsure = threads.run_in_parts(
             lambda part: accumulate.settle(image, cover, part.start, part.stop, least, scale, across, down,
-                                           least_share), len(image), _ROWS)
+                                           least_share), len(image), ROWS)
         if lens is not None and not is_even:
             image *= self._solid_angles(lens)
         return image, sum(unsure), cover

@@ -10,11 +10,8 @@ from ...view.view import BodyView
 from . import accumulate, facet_loops, outlines
 from .facet_radiance import FacetRadiance
 from .facet_tables import FacetTables
-from .image_cells import ImageCells
+from .image_cells import ROWS, ImageCells
 from .sub_triangles import projected
-
-# Cells at once, of some 60 bytes.
-_CELLS = 1 << 15
 
 
 def sampling_errors(bodies: Iterable[tuple[FacetTables, BodyView]], cells: ImageCells, count: int, solar_W_m2: float
@@ -43,9 +40,8 @@ def sampling_errors(bodies: Iterable[tuple[FacetTables, BodyView]], cells: Image
         radiance[facing] = FacetRadiance(facets, view, facing, cosines).of(facing)
         drawn.append((facets, view, xy_px, radiance))
     found, (left, top, right, _) = np.empty(cells.shape, np.float32), cells.bounds_px
-    step = -(-_CELLS // columns)
-    for first in range(0, rows, step):
-        last = min(first + step, rows)
+    for first in range(0, rows, ROWS):
+        last = min(first + ROWS, rows)
         band = ImageCells(camera, (left, top + first / cells.per_px[1], right, top + last / cells.per_px[1]),
                           (columns, last - first))
         found[first:last] = _errors(drawn, band, count) * (solar_W_m2 / camera.focal_length_px**2)
