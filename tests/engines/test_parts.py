@@ -7,9 +7,11 @@ import pytest
 import views
 from few_facets import light as traced
 from glb_parts import SHEET_UV, glb, material, png, sheet
-from glrender import Body, Pose, Renderer, SceneError, State, frames, open_renderer
+from glrender import Body, ConfigError, Pose, Renderer, SceneError, State, frames, open_renderer
 from glrender.base.constants import AU_M
 from glrender.brdf import Lambert
+from glrender.engines.cycles import Cycles
+from glrender.engines.cycles.backend import has_two_faces
 from glrender.scene.body import PART
 from solids import box
 
@@ -165,3 +167,10 @@ def test_an_image_scales_its_materials_albedo(tmp_path, way):
     got = [light[46:50, column - 1:column + 2].mean() / unit for column in columns]
     dark = ((64 / 255.0 + 0.055) / 1.055) ** 2.4
     np.testing.assert_allclose(got, [0.8 * dark, 0.8, 0.5], rtol=0.005)
+
+
+def test_cycles_refuses_a_panel_of_two_materials(renderer, body):
+    """It drew 2.6 times the light, or 0.6: one of two sheets in the same place, whichever side was seen."""
+    assert has_two_faces(body) and not has_two_faces(Body(name="sat", shape=body.shape, brdf=GREY))
+    with pytest.raises(ConfigError, match="^materials: must be the same on both sides of a sheet.*, got 'sat'; "):
+        Cycles(renderer.scene)

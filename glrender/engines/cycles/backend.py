@@ -18,7 +18,7 @@ from ...base.own_process import OwnProcess
 from ...brdf import Lambert
 from ...planner.adaptive_samples import frame_error
 from ...planner.predicted import rms_tolerance
-from ...scene.scene import Scene
+from ...scene.scene import Body, Scene
 from ...scene.tolerance import checked_max_error
 from ...view.regions import touching
 from ...view.state import State
@@ -75,6 +75,10 @@ class Cycles:
         if scene.lamps and not self._is_lambert:
             raise ConfigError("lamps", "shine on Lambert's law alone in the backend cycles", None,
                               "the backends raytrace and auto draw them with every law")
+        for body in self.scene.bodies:
+            if has_two_faces(body):
+                raise ConfigError("materials", "must be the same on both sides of a sheet in the backend cycles",
+                                  body.name, "the backends raytrace and auto draw each side's own")
         self._blender: BlenderProcess | None = None
         self._rays: RayEngine | None = None
         self._emitted = Emitted(scene, self._ray_engine)
@@ -259,3 +263,14 @@ class Cycles:
 def _part_of(on_progress: Callable[[float], None] | None, index: int, count: int) -> Callable[[float], None]:
     """A callback by which one of several equal parts reports the share of the whole."""
     return lambda share: None if on_progress is None else on_progress((index + share) / count)
+
+
+def has_two_faces(body: Body) -> bool:
+    """Whether a sheet of a body has another look on its other side: Blender would draw either of the two."""
+    other = body.shape.other_side
+    if other is None:
+        return False
+    look = np.empty(len(other), int)
+    for number, part in enumerate(body.parts):
+        look[body.facets_of(part)] = number
+    return bool((look != look[other])[other >= 0].any())
