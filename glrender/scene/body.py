@@ -147,10 +147,10 @@ class Body:
         """Parts of one look each, which share the body's pose: itself where it has one law."""
         if self.materials is None:
             return (self,)
-        return tuple(self._part(number) for number in np.unique(self._looks))
+        return tuple(self._part(number) for number in np.unique(self.looks))
 
     @cached_property
-    def _looks(self) -> np.ndarray:
+    def looks(self) -> np.ndarray:
         """Number (F,) of the first material that each facet looks like: engines' cost grows with their parts."""
         first: dict[Law, int] = {}
         of_facets, same = np.asarray(self.shape.material), np.arange(len(self.shape.materials))
@@ -165,10 +165,10 @@ class Body:
         """Numbers (F,) of the facets of one of its parts."""
         if part is self:
             return np.arange(len(self.shape.facets))
-        return np.flatnonzero(self._looks == int(part.name.rpartition(PART)[2]))
+        return np.flatnonzero(self.looks == int(part.name.rpartition(PART)[2]))
 
     def _part(self, number: int) -> Body:
-        material, shape = self.shape.materials[number], self.shape.part(self._looks == number)
+        material, shape = self.shape.materials[number], self.shape.part(self.looks == number)
         with error_path(f"materials.{material.name}"):
             if (image := material.albedo_map) is not None and shape.uv is not None:
                 image, uv = repeated(image, shape.uv)
@@ -178,7 +178,7 @@ class Body:
         # No caller's body has such a name.
         object.__setattr__(made, "name", f"{self.name}{PART}{number}")
         if self.smooth_normals:
-            used = np.unique(self.shape.facets[self._looks == number])
+            used = np.unique(self.shape.facets[self.looks == number])
             vars(made.shape)["vertex_normals"] = self.shape.vertex_normals[used]
         return made
 

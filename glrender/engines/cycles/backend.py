@@ -268,9 +268,5 @@ def _part_of(on_progress: Callable[[float], None] | None, index: int, count: int
 def has_two_faces(body: Body) -> bool:
     """Whether a sheet of a body has another look on its other side: Blender would draw either of the two."""
     other = body.shape.other_side
-    if other is None:
-        return False
-    look = np.empty(len(other), int)
-    for number, part in enumerate(body.parts):
-        look[body.facets_of(part)] = number
-    return bool((look != look[other])[other >= 0].any())
+    return other is not None and body.materials is not None and bool(
+        (body.looks != body.looks[other])[other >= 0].any())

@@ -22,6 +22,7 @@ from ...scene.body import owner
 from ...scene.lamp import ALL_ROUND_DEG, Lamp
 from ...scene.scene import Body, Scene
 from ...scene.shape.facet_blocks import FacetBlocks
+from ...scene.shape.facet_geometry import joined
 from ...scene.surface import Surface
 from ...view.view import FINE_FOOTPRINT, BodyView, between, lamp_in
 from .exact_loops import ALL_SIDES, FACING, TURNED
@@ -79,7 +80,8 @@ class RayEngine:
         self._bodies_of_parts = {}
         for name in {owner(body.name): None for body in scene.bodies if owner(body.name) != body.name}:
             parts = [self._solids[body.name] for body in scene.bodies if owner(body.name) == name]
-            self._bodies_of_parts[name] = _in_one(parts)
+            self._bodies_of_parts[name] = RayMesh(*joined((part.vertices_m, part.facets) for part in parts),
+                                                  has_backs=True)
         self._blockers_of: tuple[tuple[BodyView, ...], list[BodyView]] = ((), [])
         self._near: dict[str, NearMesh] = {}
         self._lock = threading.Lock()
@@ -382,13 +384,6 @@ class RayEngine:
             is_free[rest] = ~self._mesh(other).blocks(
                 place.T, direction.T, reach_m if len(reach_m) == 1 else reach_m.take(rest), sides)
         return is_free
-
-
-def _in_one(parts: Sequence[RayMesh]) -> RayMesh:
-    """The parts of a body in one."""
-    begins = np.cumsum([0, *(len(part.vertices_m) for part in parts)])
-    facets = np.concatenate([part.facets + begin for part, begin in zip(parts, begins[:-1], strict=True)])
-    return RayMesh(np.concatenate([part.vertices_m for part in parts]), facets.astype(np.int32), has_backs=True)
 
 
 class _Solid(RayMesh):

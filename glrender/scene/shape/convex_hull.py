@@ -114,8 +114,9 @@ class Hull:
     def is_behind(self, point_m: np.ndarray) -> bool:
         """Whether all facets nearest to a point (3,) [m] turn away from it, as of one under ground."""
         facet, _ = self.blocks.within(point_m, (1.0 + _NEAREST_RTOL) * self.blocks.distance_m(point_m))
-        a, b, c = (self._corners[0][self._corners[1][facet, k]] for k in range(3))
-        return bool((np.einsum("fx,fx->f", np.cross(b - a, c - a), point_m - a) < 0.0).all())
+        vertices_m, facets = self._corners[0], self._corners[1][facet]
+        outwards, towards_m = area_vectors(vertices_m, facets), point_m - vertices_m[facets[:, 0]]
+        return bool((np.einsum("fx,fx->f", outwards, towards_m) < 0.0).all())
 
     @cached_property
     def blocks(self) -> FacetBlocks:

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
-from .edges import Edges
+from .edges import Edges, connected
 from .facet_geometry import area_vectors
 
 # Sine of the angle by which facets may rise above one another: the digits of a shape's file leave as much.
@@ -23,9 +21,7 @@ def bends_outwards(vertices_m: np.ndarray, facets: np.ndarray) -> bool:
     if (edges.size != 2).any():
         return False
     one, other = edges.pairs()
-    n_shells, _ = connected_components(coo_array(
-        (np.ones(len(one), bool), (one // 3, other // 3)), shape=(len(facets),) * 2), directed=False)
-    if n_shells > 1:
+    if connected(one // 3, other // 3, len(facets))[0] > 1:
         return False
     normal = area_vectors(vertices_m, facets)
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 
 class Edges:
@@ -36,3 +38,10 @@ class Edges:
         """The two sides (N,), (N,) of each edge that has two."""
         first = self.begin[self.size == 2]
         return self.order[first], self.order[first + 1]
+
+
+def connected(a: np.ndarray, b: np.ndarray, count: int) -> tuple[int, np.ndarray]:
+    """Groups of things that pairs (N,), (N,) of their numbers connect: how many, and the number (count,) of each's."""
+    pairs = coo_array((np.ones(len(a), bool), (a, b)), shape=(count, count))
+    n_groups, group = connected_components(pairs, directed=False)
+    return int(n_groups), group

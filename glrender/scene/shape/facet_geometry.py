@@ -1,6 +1,9 @@
-"""Sides and areas of facets, for meshes of millions."""
+"""Sides, areas and vertices of facets, for meshes of millions."""
 
 from __future__ import annotations
+
+from collections.abc import Iterable
+from itertools import accumulate
 
 import numpy as np
 
@@ -24,3 +27,17 @@ def longest_sides(vertices: np.ndarray, facets: np.ndarray) -> np.ndarray:
     """Longest sides (F,) of facets (F, 3) between vertices (V, 3)."""
     a, b, c = (vertices.take(corner, axis=0) for corner in facets.T)
     return np.sqrt(np.maximum.reduce([np.einsum("fx,fx->f", side, side) for side in (b - a, c - b, a - c)]))
+
+
+def renumbered(facets: np.ndarray, n_vertices: int) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices (N,) that facets (F, 3) use, in their order, and the facets by their numbers among them."""
+    is_used = np.zeros(n_vertices, bool)
+    is_used[facets] = True
+    return np.flatnonzero(is_used), (np.cumsum(is_used) - 1)[facets]
+
+
+def joined(meshes: Iterable[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices (V, 3) and facets (F, 3) of one mesh or more, each of which has vertices and facets, in one."""
+    vertices, facets = zip(*meshes, strict=True)
+    begins = accumulate(map(len, vertices[:-1]), initial=0)
+    return np.concatenate(vertices), np.concatenate([own + begin for own, begin in zip(facets, begins, strict=True)])

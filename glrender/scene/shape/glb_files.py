@@ -9,12 +9,15 @@ import json
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ...base.errors import ShapeError
+from .facet_geometry import joined, renumbered
 from .file_mesh import FileMesh
+from .glb_json import entry_at, listed, whole
 from .glb_materials import GlbMaterial, read_materials
 from .textures import image_pixels
 
@@ -44,24 +47,24 @@ def read_glb(path: Path, max_facets: int) -> FileMesh:
     """
     data = path.read_bytes()
     about, blob = _chunks(data)
-    accessors = _entries(about, "accessors")
+    accessors = listed(about, "accessors")
     counts = [entry.get("count", 0) for entry in accessors]
     if any(type(count) is not int or count < 0 for count in counts) or sum(counts) > len(data):
         # A value takes at least a byte.
         raise ShapeError("", "promises more values than the file can hold", str(path))
-    if any("uri" in entry for entry in _entries(about, "buffers")):
+    if any("uri" in entry for entry in listed(about, "buffers")):
         raise ShapeError("", "has a buffer outside its binary chunk", str(path), "export it as one file")
     _refuse_extensions(about)
-    meshes, nodes = _entries(about, "meshes"), _entries(about, "nodes")
+    meshes, nodes = listed(about, "meshes"), listed(about, "nodes")
     drawn = list(_drawn(about, nodes, str(path)))
     facets = [_n_facets(mesh, counts) for mesh in meshes]
     total = 0
     for node, _ in drawn:
-        total += facets[_index(node["mesh"], len(meshes), "mesh")]
+        total += entry_at(facets, node["mesh"], "mesh")
     if total > max_facets:
         raise ShapeError("", f"has more than {max_facets} facets", total, "decimate it, or raise max_facets")
-    values = _Values(accessors=accessors, views=_entries(about, "bufferViews"), blob=blob)
-    materials = read_materials(about, _entries, values.view)
+    values = _Values(accessors=accessors, views=listed(about, "bufferViews"), blob=blob)
+    materials = read_materials(about, values.view)
     read = {index: _mesh(meshes[index], values, materials) for index in sorted({node["mesh"] for node, _ in drawn})}
     parts = []
     for node, place in drawn:
@@ -81,21 +84,19 @@ def pixels_of_images(path: Path) -> int:
     """Number of pixels in the headers of a file's images; 0 for one that `read_glb` refuses."""
     try:
         about, blob = _chunks(path.read_bytes())
-        values = _Values(accessors=[], views=_entries(about, "bufferViews"), blob=blob)
-        return sum(image_pixels(values.view(image.get("bufferView"))) for image in _entries(about, "images"))
+        values = _Values(accessors=[], views=listed(about, "bufferViews"), blob=blob)
+        return sum(image_pixels(values.view(image.get("bufferView"))) for image in listed(about, "images"))
     except (OSError, ValueError, RecursionError):
         return 0
 
 
 def _in_one(parts: list[FileMesh]) -> FileMesh:
     """Meshes in one."""
-    begins = np.cumsum([0, *(len(part.vertices) for part in parts)])
     nothing = FileMesh(np.empty((0, 3)), np.empty((0, 3), np.int64), np.empty((0, 3, 2), np.float32),
                        material=np.empty(0, np.int64))
-    vertices, uv, material = (np.concatenate([getattr(part, name) for part in (nothing, *parts)])
-                              for name in ("vertices", "uv", "material"))
-    facets = [part.facets + begin for part, begin in zip(parts, begins[:-1], strict=True)]
-    return FileMesh(vertices, np.concatenate([nothing.facets, *facets]), uv, material=material)
+    parts = [nothing, *parts]
+    uv, material = (np.concatenate([getattr(part, name) for part in parts]) for name in ("uv", "material"))
+    return FileMesh(*joined((part.vertices, part.facets) for part in parts), uv, material=material)
 
 
 def _with_materials(mesh: FileMesh, materials: list[GlbMaterial]) -> FileMesh:
@@ -131,8 +132,7 @@ class _Values:
 
     def of(self, index: object, kind: str) -> np.ndarray:
         """Values (N, width) of an accessor, as they are stored; in the file's bytes, or made once."""
-        at = _index(index, len(self.accessors), "accessor")
-        entry = self.accessors[at]
+        entry, at = entry_at(self.accessors, index, "accessor"), cast(int, index)
         if entry.get("type") != kind:
             raise ShapeError("accessors.type", f"must be {kind}", entry.get("type"))
         if at in self.made:
@@ -147,7 +147,7 @@ class _Values:
     def vectors(self, index: object, which: np.ndarray, kind: str = "VEC3") -> np.ndarray:
         """Some of an accessor's vectors (N, width) float64: floats, integers, or integers that are normalised."""
         rows = self.of(index, kind)[which]
-        entry = self.accessors[_index(index, len(self.accessors), "accessor")]
+        entry = entry_at(self.accessors, index, "accessor")
         if rows.dtype.kind == "f" or not entry.get("normalized"):
             return rows.astype(np.float64)
         return np.maximum(rows / np.iinfo(rows.dtype).max, -1.0)
@@ -167,17 +167,17 @@ class _Values:
 
     def view(self, index: object) -> bytes:
         """The bytes of a buffer's view."""
-        view = self.views[_index(index, len(self.views), "bufferView")]
-        begin, size = _whole(view, "byteOffset"), _whole(view, "byteLength")
+        view = entry_at(self.views, index, "bufferView")
+        begin, size = whole(view, "byteOffset"), whole(view, "byteLength")
         if view.get("buffer") != 0 or begin + size > len(self.blob):
             raise ShapeError("bufferViews", "must be within the binary chunk", view)
         return self.blob[begin:begin + size]
 
     def _rows(self, entry: dict, kind: np.dtype, count: int, width: int) -> np.ndarray:
-        view = self.views[_index(entry.get("bufferView"), len(self.views), "bufferView")]
-        begin, size, skip = (_whole(table, key) for table, key in (
+        view = entry_at(self.views, entry.get("bufferView"), "bufferView")
+        begin, size, skip = (whole(table, key) for table, key in (
             (view, "byteOffset"), (view, "byteLength"), (entry, "byteOffset")))
-        step = _whole(view, "byteStride") or kind.itemsize * width
+        step = whole(view, "byteStride") or kind.itemsize * width
         if view.get("buffer") != 0 or begin + size > len(self.blob) or count and (
                 step < kind.itemsize * width or skip + (count - 1) * step + kind.itemsize * width > size):
             raise ShapeError("bufferViews", "must be within the binary chunk, with all values of their accessors", view)
@@ -198,11 +198,11 @@ def _mesh(mesh: dict, values: _Values, materials: list[GlbMaterial]) -> FileMesh
             if corners.dtype.kind != "u" or len(corners) and corners.max() >= n_points:
                 raise ShapeError("meshes.primitives.indices", f"must be whole numbers below {n_points}")
         # Vertices that no corner names are left out: a mesh may be drawn many times.
-        used, corners = np.unique(corners, return_inverse=True)
-        facets = _triangles(corners.reshape(-1).astype(np.int64), primitive.get("mode", _TRIANGLES))
+        used, corners = renumbered(corners, n_points)
+        facets = _triangles(corners, primitive.get("mode", _TRIANGLES))
         number = len(materials) - 1
         if (given := primitive.get("material")) is not None:
-            number = _index(given, number, "meshes.primitives.material", "export it with all its materials")
+            number = entry_at(range(number), given, "meshes.primitives.material", "export it with all its materials")
         uv, of_image = np.full((*facets.shape, 2), np.nan, np.float32), materials[number]
         if (laid := attributes.get(f"TEXCOORD_{of_image.uv_set}")) is not None:
             if len(values.of(laid, "VEC2")) != n_points:
@@ -230,27 +230,27 @@ def _triangles(corners: np.ndarray, mode: int) -> np.ndarray:
 
 def _drawn(about: dict, nodes: list[dict], path: str) -> Iterator[tuple[dict, np.ndarray]]:
     """The nodes of the scene that have a mesh, and their places (4, 4)."""
-    children = [child for node in nodes for child in _indices(node, "children")]
+    children = [child for node in nodes for child in listed(node, "children", int)]
     if len(set(children)) < len(children):
         raise ShapeError("", "has a node with several parents, where the nodes must be a tree", path)
-    scenes = _entries(about, "scenes")
+    scenes = listed(about, "scenes")
     for scene in scenes:
-        roots = _indices(scene, "nodes")
+        roots = listed(scene, "nodes", int)
         # From a root that is a child the way down could lead in a circle.
         if len(set(roots)) < len(roots) or set(roots) & set(children):
             raise ShapeError("", "has a scene that begins at a node with a parent, or twice at one", path)
     roots = [k for k in range(len(nodes)) if k not in set(children)]
     if scenes:
-        roots = _indices(scenes[_index(about.get("scene", 0), len(scenes), "scene")], "nodes")
+        roots = listed(entry_at(scenes, about.get("scene", 0), "scene"), "nodes", int)
     left = [(root, np.eye(4), 1) for root in reversed(roots)]
     while left:
         index, above, depth = left.pop()
         if depth > _MOST_DEEP:
             raise ShapeError("nodes.children", f"must lead at most {_MOST_DEEP} nodes deep", depth,
                              "apply the nodes' transforms before it is exported")
-        node = nodes[_index(index, len(nodes), "node")]
+        node = entry_at(nodes, index, "node")
         place = above @ _place(node)
-        left += [(child, place, depth + 1) for child in reversed(_indices(node, "children"))]
+        left += [(child, place, depth + 1) for child in reversed(listed(node, "children", int))]
         for name in _OF_NODES:
             if name in (node.get("extensions") or {}):
                 raise ShapeError("nodes.extensions", "must not move or hide nodes", name, "export it without")
@@ -272,7 +272,7 @@ def _place(node: dict) -> np.ndarray:
 
 
 def _refuse_extensions(about: dict) -> None:
-    for name in map(str, _list(about, "extensionsRequired")):
+    for name in map(str, listed(about, "extensionsRequired", None)):
         if name not in _KNOWN and not name.startswith(_KNOWN_BEGIN):
             raise ShapeError("extensionsRequired", "must be known here: the shape could be another without it", name,
                              "export it without this extension")
@@ -311,19 +311,6 @@ def _component(entry: dict) -> np.dtype:
     return np.dtype(_COMPONENTS[kind])
 
 
-def _whole(table: dict, key: str) -> int:
-    value = table.get(key, 0)
-    if type(value) is not int or value < 0:
-        raise ShapeError(key, "must be a whole number", value)
-    return value
-
-
-def _index(value: object, count: int, what: str, hint: str = "") -> int:
-    if type(value) is not int or not 0 <= value < count:
-        raise ShapeError(what, f"must be a number below {count}", value, hint)
-    return value
-
-
 def _numbers(node: dict, key: str, default: np.ndarray) -> np.ndarray:
     value = np.array(node.get(key, default))
     if value.shape != default.shape or value.dtype.kind not in "if" or not np.isfinite(value).all():
@@ -331,31 +318,9 @@ def _numbers(node: dict, key: str, default: np.ndarray) -> np.ndarray:
     return value.astype(np.float64)
 
 
-def _entries(about: dict, key: str) -> list[dict]:
-    """A list of objects, empty if it is not there."""
-    entries = _list(about, key)
-    if not all(isinstance(entry, dict) for entry in entries):
-        raise ShapeError("", f"is no binary glTF: {key} must be objects")
-    return entries
-
-
-def _list(about: dict, key: str) -> list:
-    entries = about.get(key, [])
-    if not isinstance(entries, list):
-        raise ShapeError("", f"is no binary glTF: {key} must be a list")
-    return entries
-
-
-def _indices(about: dict, key: str) -> list[int]:
-    entries = _list(about, key)
-    if not all(type(entry) is int for entry in entries):
-        raise ShapeError("", f"is no binary glTF: {key} must be numbers of nodes")
-    return entries
-
-
 def _surfaces(mesh: dict) -> list[dict]:
     """The primitives of a mesh that have an area."""
-    primitives = _entries(mesh, "primitives")
+    primitives = listed(mesh, "primitives")
     if not all(isinstance(primitive.get("attributes"), dict) for primitive in primitives):
         raise ShapeError("", "is no binary glTF: attributes must be an object")
     return [primitive for primitive in primitives if primitive.get("mode", _TRIANGLES) in (_TRIANGLES, _STRIP, _FAN)]

@@ -14,6 +14,7 @@ import numpy as np
 
 from ...base.errors import ShapeError, error_path
 from ...brdf import Microfacet
+from .glb_json import entry_at, extension, listed, table_in
 from .materials import FileMaterial, distinct, grey_of
 from .textures import MAX_TEXTURE_PX, channel_means, image_pixels
 
@@ -46,16 +47,13 @@ class GlbMaterial:
     uv_from: np.ndarray = field(default_factory=lambda: np.eye(2, 3))
 
 
-def read_materials(about: dict, entries: Callable[[dict, str], list[dict]], image_bytes: Callable[[object], bytes]
-                   ) -> list[GlbMaterial]:
+def read_materials(about: dict, image_bytes: Callable[[object], bytes]) -> list[GlbMaterial]:
     """All materials of a file, and last the one that the format has for facets without.
 
     Parameters
     ----------
     about : dict
         The file's JSON.
-    entries : callable
-        A list of objects of it, by key.
     image_bytes : callable
         The bytes that the number of a buffer's view leads to.
 
@@ -64,10 +62,10 @@ def read_materials(about: dict, entries: Callable[[dict, str], list[dict]], imag
     ShapeError
         A factor out of range; a texture or image that is not there, is outside the file, or too large.
     """
-    tables = entries(about, "materials")
+    tables = listed(about, "materials")
     names = distinct([str(table.get("name") or f"material {number}")[:_LONGEST_NAME] for number, table
                       in enumerate(tables)] + ["default"])
-    images, made = _Images(*(entries(about, key) for key in ("textures", "images")), image_bytes), []
+    images, made = _Images(*(listed(about, key) for key in ("textures", "images")), image_bytes), []
     for number, (table, name) in enumerate(zip([*tables, {}], names, strict=True)):
         with error_path(f"materials[{number}]"):
             made.append(_material(table, name, images))
@@ -101,11 +99,11 @@ class _Images:
         return self._means[number]
 
     def _number(self, texture: dict) -> int:
-        entry = _at(self._textures, texture.get("index"), "index")
-        number = entry.get("source", _extension(entry, "EXT_texture_webp").get("source"))
+        entry = entry_at(self._textures, texture.get("index"), "index", _EXPORT)
+        number = entry.get("source", extension(entry, "EXT_texture_webp").get("source"))
         if number is None:
             raise _UnknownImageError
-        image = _at(self._images, number, "source")
+        image = entry_at(self._images, number, "source", _EXPORT)
         if number not in self._read:
             if "uri" in image:
                 raise ShapeError("images.uri", "must not be there: images are read from the file alone", image["uri"],
@@ -130,29 +128,29 @@ def _material(table: dict, name: str, images: _Images) -> GlbMaterial:
     left_out = [key for key in ("normalTexture", "occlusionTexture", "emissiveTexture") if key in table]
     left_out += ["emissiveFactor"] if any(_factors(table, "emissiveFactor", (0.0, 0.0, 0.0))) else []
     left_out += ["alphaMode"] if table.get("alphaMode", "OPAQUE") != "OPAQUE" else []
-    left_out += [key for key in map(str, _object(table, "extensions")) if key != _OTHER_COLOURS]
+    left_out += [key for key in map(str, table_in(table, "extensions")) if key != _OTHER_COLOURS]
     notes = [f"{', '.join(left_out)} left out"] if left_out else []
     with error_path("pbrMetallicRoughness"):
-        about = _object(table, "pbrMetallicRoughness")
+        about = table_in(table, "pbrMetallicRoughness")
         colour = _factors(about, "baseColorFactor", (1.0, 1.0, 1.0, 1.0))[:3]
         (metalness,), (roughness,) = (_factors(about, key, (1.0,)) for key in ("metallicFactor", "roughnessFactor"))
         image, laid = None, {}
         try:
             if "metallicRoughnessTexture" in about:
-                texture = _object(about, "metallicRoughnessTexture")
+                texture = table_in(about, "metallicRoughnessTexture")
                 with error_path("metallicRoughnessTexture"):
                     _, green, blue = images.means(texture)
                 metalness, roughness = metalness * blue, roughness * green
                 notes.append(f"metalness {metalness:.3g} and roughness {roughness:.3g} are the means of its image")
             if "baseColorTexture" in about:
-                texture = _object(about, "baseColorTexture")
+                texture = table_in(about, "baseColorTexture")
                 with error_path("baseColorTexture"):
                     image, laid = images.of(texture), _coordinates(texture)
         except _UnknownImageError:
             fault = f"its image is none of PNG, JPEG and WebP: {_EXPORT}"
         else:
             fault = f"its colours are those of {_OTHER_COLOURS}: export it with metal and roughness" \
-                if _OTHER_COLOURS in _object(table, "extensions") else ""
+                if _OTHER_COLOURS in table_in(table, "extensions") else ""
     if roughness < _LEAST_ROUGHNESS:
         notes.append(f"roughness {roughness:.3g} is drawn as {_LEAST_ROUGHNESS}: its highlight is narrower than the "
                      "Sun")
@@ -165,7 +163,7 @@ def _material(table: dict, name: str, images: _Images) -> GlbMaterial:
 
 def _coordinates(texture: dict) -> dict[str, Any]:
     """`uv_set` and `uv_from` of an image."""
-    moved = _extension(texture, "KHR_texture_transform")
+    moved = extension(texture, "KHR_texture_transform")
     uv_set = moved.get("texCoord", texture.get("texCoord", 0))
     if type(uv_set) is not int or uv_set < 0:
         raise ShapeError("texCoord", "must be a whole number", uv_set)
@@ -190,20 +188,3 @@ def _vector(table: dict, key: str, default: tuple[float, ...]) -> np.ndarray:
     if not are_numbers or len(values) != len(default):
         raise ShapeError(key, f"must be {len(default)} numbers", given)
     return np.array(values, np.float64)
-
-
-def _object(table: dict, key: str) -> dict[str, Any]:
-    value = table.get(key, {})
-    if not isinstance(value, dict):
-        raise ShapeError(key, "must be an object", value)
-    return value
-
-
-def _extension(table: dict, name: str) -> dict[str, Any]:
-    return _object(_object(table, "extensions"), name)
-
-
-def _at(entries: list[dict], index: object, what: str) -> dict:
-    if type(index) is not int or not 0 <= index < len(entries):
-        raise ShapeError(what, f"must be a number below {len(entries)}", index, _EXPORT)
-    return entries[index]

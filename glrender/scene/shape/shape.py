@@ -13,7 +13,7 @@ from glrender_camera.validate import integer, one_of, within
 
 from ...base.errors import ShapeError, error_path
 from .edges import Edges
-from .facet_geometry import area_vectors, longest_sides
+from .facet_geometry import area_vectors, longest_sides, renumbered
 from .files import MAX_FACETS, own_unit, read_shape_file
 from .materials import FileMaterial
 from .shells import WELD_RTOL, are_all_different, of_one_diagonal, seams, wound
@@ -221,8 +221,8 @@ class Shape:
     def part(self, chosen: np.ndarray) -> Shape:
         """Some of its facets (F,) bool, drawn about the same place."""
         number = np.flatnonzero(chosen)
-        used, facets = np.unique(self.facets[number], return_inverse=True)
-        facets, other_side = facets.reshape(-1, 3).astype(np.int32), None
+        used, facets = renumbered(self.facets[number], len(self.vertices_m))
+        facets, other_side = facets.astype(np.int32), None
         if self.other_side is not None:
             place = np.full(len(chosen) + 1, -1)
             place[number] = np.arange(len(number))
@@ -343,7 +343,7 @@ def _checked(vertices_m: object, facets: object, uv: object, is_double: np.ndarr
 
 def _repaired(vertices: np.ndarray, facets: np.ndarray, uv: np.ndarray | None, is_double: np.ndarray, inside: bool,
               material: np.ndarray | None) -> Shape:
-    used, facets = _renumbered(facets, len(vertices))
+    used, facets = renumbered(facets, len(vertices))
     n_unused, vertices = len(vertices) - len(used), vertices[used]
     extent = float(np.ptp(vertices, axis=0).max())
     if not extent > 0.0:
@@ -397,7 +397,7 @@ def _repaired(vertices: np.ndarray, facets: np.ndarray, uv: np.ndarray | None, i
     material = None if material is None else material[corners[kept, 0] // 3]
     volume = _volume(vertices, facets)
     extents, n_flipped = tuple(float(x) for x in np.ptp(vertices, axis=0)), int(flipped[kept].sum())
-    leftover, facets = _renumbered(facets, len(vertices))
+    leftover, facets = renumbered(facets, len(vertices))
     n_unused, vertices = n_unused + len(vertices) - len(leftover) - n_seam, vertices[leftover]
     other_side = None
     if shells.n_two_sided:
@@ -453,13 +453,6 @@ def _turned(rows: np.ndarray, is_turned: np.ndarray) -> np.ndarray:
     return np.where(is_turned[:, None], rows[:, [0, 2, 1]], rows)
 
 
-def _renumbered(facets: np.ndarray, n_vertices: int) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices (N,) that facets (F, 3) use, in their order, and the facets by their numbers among them."""
-    is_used = np.zeros(n_vertices, bool)
-    is_used[facets] = True
-    return np.flatnonzero(is_used), (np.cumsum(is_used) - 1)[facets]
-
-
 def _without_copies(facets: np.ndarray) -> tuple[np.ndarray, int, int]:
     """Numbers of facets with three corners, each side of one once, and how many of both kinds are left out."""
     a, b, c = facets.T
@@ -487,8 +480,8 @@ def _other_sides(facets: np.ndarray) -> np.ndarray:
 def _with_own_backs(vertices: np.ndarray, facets: np.ndarray, other_side: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Facets whose other side comes before them with vertices of their own, so that each side has its normals there."""
     is_back = (other_side >= 0) & (other_side < np.arange(len(facets)))
-    own, corner = np.unique(facets[is_back], return_inverse=True)
-    facets[is_back] = corner.reshape(-1, 3) + len(vertices)
+    own, corners = renumbered(facets[is_back], len(vertices))
+    facets[is_back] = corners + len(vertices)
     return np.concatenate([vertices, vertices[own]]), facets
 
 

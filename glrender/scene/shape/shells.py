@@ -9,10 +9,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.sparse import coo_array
-from scipy.sparse.csgraph import breadth_first_order, connected_components
+from scipy.sparse.csgraph import breadth_first_order
 from scipy.spatial import cKDTree
 
-from .edges import Edges
+from .edges import Edges, connected
+from .facet_geometry import renumbered
 
 # Gaps of seams: steps of float32 at the largest coordinate, and a share of an open edge's length.
 _SEAM_STEPS, _SEAM_OF_EDGE = 4.0, 1e-3
@@ -87,8 +88,7 @@ def seams(vertices: np.ndarray, edges: Edges) -> tuple[np.ndarray, float, float]
     near = near[distance[near] <= np.minimum(most[one[near]], most[other[near]])]
     if not len(near):
         return own, tolerance, 0.0
-    group = connected_components(coo_array((np.ones(len(near)), (one[near], other[near])), shape=(len(rim), len(rim))),
-                                 directed=False)[1]
+    _, group = connected(one[near], other[near], len(rim))
     first = np.full(group.max() + 1, len(vertices))
     np.minimum.at(first, group, rim)
     own[rim] = first[group]
@@ -210,13 +210,8 @@ def _are_twins(facets: np.ndarray) -> np.ndarray:
 
 def _n_pieces(facets: np.ndarray) -> int:
     """Number of pieces that facets make by shared vertices."""
-    if not len(facets):
-        return 0
-    used, corner = np.unique(facets, return_inverse=True)
-    corner = corner.reshape(-1, 3)
-    pairs = np.concatenate([corner[:, :2], corner[:, 1:]])
-    return int(connected_components(coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])),
-                                              shape=(len(used), len(used))), directed=False)[0])
+    used, facets = renumbered(facets, facets.max(initial=0) + 1)
+    return connected(facets[:, :2].ravel(), facets[:, 1:].ravel(), len(used))[0]
 
 
 def _made_one(facets: np.ndarray, edges: Edges) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -226,8 +221,7 @@ def _made_one(facets: np.ndarray, edges: Edges) -> tuple[np.ndarray, np.ndarray,
     # Two facets that run along an edge the same way are wound against each other.
     against = edges.start[a] == edges.start[b]
     owner_a, owner_b = a // 3, b // 3
-    n_shells, shell = connected_components(coo_array((np.ones(len(a)), (owner_a, owner_b)), shape=(count, count)),
-                                           directed=False)
+    n_shells, shell = connected(owner_a, owner_b, count)
     flipped, is_one_sided = np.zeros(count, bool), np.ones(n_shells, bool)
     if against.any():
         flipped = _two_coloured(count, owner_a, owner_b, against, shell)
