@@ -53,6 +53,11 @@ def claim_folder(folder: Path, ours: Mapping[str, Any]) -> None:
                           str(folder), "choose another folder, or remove this one")
 
 
+def manifest_of(folder: Path) -> dict[str, Any]:
+    """The manifest of a folder that has one."""
+    return json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
+
+
 def _differing(ours: Mapping[str, Any], theirs: Any) -> list[str]:
     """Names of our entries that theirs differ from, with those of the tables in them."""
     found, theirs = [], theirs if isinstance(theirs, dict) else {}

@@ -9,6 +9,7 @@ from typing import Any
 
 from glrender_camera import MosaicModel, PinholeCamera
 
+from ..base.errors import ConfigError
 from ..base.names import PRODUCTS
 from ..capture.capture import Capture
 from ..scene.scene import Scene
@@ -16,6 +17,14 @@ from ..view.state import State
 from .options import FrameOptions
 
 VERSION = version("glrender")
+
+
+def same_version(asked: str) -> None:
+    """Refuse to draw elsewhere by another version of glrender than the one that asks."""
+    if asked != VERSION:
+        raise ConfigError("--dask", f"a worker has glrender {VERSION}, not {asked}", hint="install the same")
+
+
 
 FIELDS: Mapping[str, str] = {
     "glrender": "version of the program",

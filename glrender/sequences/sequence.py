@@ -6,11 +6,13 @@ import dataclasses
 import hashlib
 import json
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from glrender_camera import PinholeCamera
 from glrender_camera.notebook import png, strip, table
 from glrender_camera.pattern import seed_of
 
@@ -21,7 +23,7 @@ from ..renderer import open_renderer
 from ..scene.scene import Scene
 from ..view.state import State
 from . import labels
-from .folder import MANIFEST, claim_folder, write_whole
+from .folder import MANIFEST, claim_folder, manifest_of, write_whole
 from .formats import FrameFile, header_path, range_type, write
 from .header import VERSION, camera_table, decoding_of, frame_header, offset_DN
 from .options import FrameOptions, exposures_of
@@ -69,8 +71,8 @@ class FrameSequence:
 
     def path(self, index: int) -> Path:
         """The path of one frame's file; a stream's ends in the name of its codec."""
-        codec = self._decoding.get("codec")
-        return self.folder / f"frame_{index:0{_DIGITS}d}.{codec or self.options.format}"
+        ending = file_ending(self.scene.camera(self.options.camera), self.options)
+        return self.folder / f"frame_{index:0{_DIGITS}d}.{ending}"
 
     @property
     def _decoding(self) -> dict[str, Any]:
@@ -106,15 +108,14 @@ class FrameSequence:
         with own_processes(n_processes, _start, (self.scene, self.options, once), _stop) as pool:
             for index, headers[index] in pool.done(tasks):
                 yield index
-        entries = json.loads((self.folder / MANIFEST).read_text(encoding="utf-8"))
+        entries = manifest_of(self.folder)
         all_headers = (headers.get(index) or read_header(self.path(index)) for index in range(len(self.states)))
         entries["warnings"] = counted(header for header in all_headers if header is not None)
         write_whole(self.folder / MANIFEST, json.dumps(entries, indent=1).encode())
 
     def warnings(self) -> list[str]:
         """The frames' warnings, once all are drawn: the first of each kind, and how many frames have one."""
-        entries = json.loads((self.folder / MANIFEST).read_text(encoding="utf-8"))
-        return in_words(entries["warnings"], len(self.states))
+        return in_words(manifest_of(self.folder)["warnings"], len(self.states))
 
     def __repr__(self) -> str:
         n_missing = len(self.missing())
@@ -214,19 +215,26 @@ def _stop() -> None:
 
 def _draw(path: Path, index: int, state: State | None) -> dict[str, Any]:
     """Draw a frame and write it; returns what `counted` reads of its header."""
-    try:
+    with paths_of_state(index):
         file = drawn(_renderer, index, _states[index] if state is None else state, _options)
         write(path, file)
         return {name: file.header[name] for name in ("index", "warnings", "warning_codes")}
+
+
+@contextmanager
+def paths_of_state(index: int) -> Iterator[None]:
+    """Errors name a state's field by the sequence, e.g. ``states[3].bodies.rock`` for ``state.bodies.rock``."""
+    try:
+        yield
     except ConfigError as error:
-        error.path = path_in_states(index, error.path)
+        field = "" if error.path == "state" else error.path.removeprefix("state.")
+        error.path = ".".join(part for part in (f"states[{index}]", field) if part)
         raise
 
 
-def path_in_states(index: int, path: str) -> str:
-    """The path of a state's field in a sequence, e.g. ``states[3].bodies.rock`` for ``state.bodies.rock``."""
-    return ".".join(part for part in (f"states[{index}]", "" if path == "state" else path.removeprefix("state."))
-                    if part)
+def file_ending(camera: PinholeCamera, options: FrameOptions) -> str:
+    """The ending of a frame's file: its format, or the codec of a stream."""
+    return camera_table(camera)["compression"]["codec"] if options.output == "compressed" else options.format
 
 
 def drawn(renderer: Any, index: int, state: State, options: FrameOptions) -> FrameFile:

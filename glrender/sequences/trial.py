@@ -15,9 +15,9 @@ from ..base.errors import ConfigError
 from ..renderer import open_renderer
 from ..scene.scene import Scene
 from ..view.state import State
-from .formats import STREAM, FrameFile, header_path, write
+from .formats import FrameFile, header_path, write
 from .options import FrameOptions
-from .sequence import captured, frame_file, path_in_states
+from .sequence import captured, file_ending, frame_file, paths_of_state
 from .warned import counted
 
 Measured = Callable[[int, State, FrameFile], int]
@@ -102,7 +102,8 @@ def tried(scene: Scene, states: Sequence[State], options: FrameOptions, n_frames
     """
     indices = chosen(states, scene.bodies[0].name, n_frames)
     with open_renderer(scene, options.backend) as renderer, TemporaryDirectory(prefix="glrender-trial-") as folder:
-        rows = [_row(renderer, index, states[index], options, measured or _written(Path(folder), options))
+        path = Path(folder, f"frame.{file_ending(scene.camera(options.camera), options)}")
+        rows = [_row(renderer, index, states[index], options, measured or _written(path))
                 for index in indices]
     of_frames = {name: np.array([row[name] for row in rows if row[name] is not None]) for name in (
         "exposure_s", "least", "greatest", "saturated_share")}
@@ -114,12 +115,9 @@ def tried(scene: Scene, states: Sequence[State], options: FrameOptions, n_frames
 
 def _row(renderer: Any, index: int, state: State, options: FrameOptions, measured: Measured) -> dict[str, Any]:
     began = time.process_time()
-    try:
+    with paths_of_state(index):
         capture = captured(renderer, index, state, options)
         file = frame_file(renderer.scene, index, state, options, capture)
-    except ConfigError as error:
-        error.path = path_in_states(index, error.path)
-        raise
     n_bytes, problem = np.nan, ""
     try:
         n_bytes = measured(index, state, file)
@@ -132,11 +130,9 @@ def _row(renderer: Any, index: int, state: State, options: FrameOptions, measure
             "saturated_share": None if frame is None else float(frame.saturated[lit].mean()) if lit.any() else 0.0}
 
 
-def _written(folder: Path, options: FrameOptions) -> Measured:
+def _written(path: Path) -> Measured:
     """Bytes of a frame as a sequence writes it."""
     def measured(index: int, state: State, file: FrameFile) -> int:
-        is_stream = options.format == STREAM
-        path = folder / f"frame.{file.header['camera']['compression']['codec'] if is_stream else options.format}"
         write(path, file)
         return sum(each.stat().st_size for each in (path, header_path(path)) if each.exists())
 

@@ -9,11 +9,11 @@ from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
-from glrender import ConfigError, GlrenderError, Scene, open_renderer
+from glrender import GlrenderError, Scene, open_renderer
 from glrender.base.errors import error_path
 from glrender.sequences.folder import made, write_whole
+from glrender.sequences.header import same_version
 from glrender.sequences.processes import Pool, own_processes
-from glrender.sequences.sequence import VERSION
 
 from .believed_side import onboard_scene
 from .campaign_file import Campaign, Case, Setup
@@ -155,6 +155,5 @@ def fly_elsewhere(setup: Setup, case: Case) -> Flight:
     ConfigError
         Another version of glrender there.
     """
-    if setup.version != VERSION:
-        raise ConfigError("--dask", f"a worker has glrender {VERSION}, not {setup.version}", hint="install the same")
+    same_version(setup.version)
     return _thread.submit(lambda: fly(setup, case, *_renderers.of(setup, case))).result()

@@ -22,7 +22,7 @@ from ...capture.outputs import checked_output
 from ...scene.scene import Scene
 from ...view.state import State
 from .. import labels
-from ..folder import MANIFEST, claim_folder, write_whole
+from ..folder import MANIFEST, claim_folder, manifest_of, write_whole
 from ..header import VERSION, camera_table
 from ..options import FrameOptions, exposures_of
 from ..processes import Pool, own_processes, parted, processes_of
@@ -173,12 +173,11 @@ class DataSet:
 
     def throughput(self) -> dict[str, Any]:
         """Times of the last sitting, as the manifest has them."""
-        return json.loads((self.folder / MANIFEST).read_text(encoding="utf-8"))["throughput"]
+        return manifest_of(self.folder)["throughput"]
 
     def warnings(self) -> list[str]:
         """The frames' warnings, once all are drawn: the first of each kind, and how many frames have one."""
-        entries = json.loads((self.folder / MANIFEST).read_text(encoding="utf-8"))
-        return in_words(entries["warnings"], len(self.states))
+        return in_words(manifest_of(self.folder)["warnings"], len(self.states))
 
     def _counted(self) -> dict[str, dict[str, Any]]:
         return counted(json.loads(line) for number in self.numbers()
@@ -225,17 +224,16 @@ class DataSet:
                 write_whole(self.folder / name, content)
         shards = [{"path": str(self.path(number).relative_to(self.folder)), "n_frames": len(self.indices(number)),
                    "sha256": digest_of_shard(self.path(number))} for number in self.numbers()]
-        file = self.folder / MANIFEST
-        before = json.loads(file.read_text(encoding="utf-8"))
+        before = manifest_of(self.folder)
         n, wall_s, processor_s = totals["n_frames"], totals["wall_s"], totals["processor_s"]
         throughput = before.get("throughput", {}) if not n else {
             "n_frames": n, "wall_s": round(wall_s, 3), "processor_s": round(processor_s, 3),
             "frames_a_second": round(n / wall_s, 3), "frames_a_core_second": round(n / max(processor_s, 1e-9), 3),
             "renderers": totals["renderers"]}
         versions = {"python": platform.python_version(), **{name: version(name) for name in _LIBRARIES}}
-        write_whole(file, json.dumps({**self.claim(), "versions": versions, "scenario": self.scenario,
-                                      "warnings": self._counted(), "shards": shards,
-                                      "throughput": throughput}, indent=1).encode())
+        write_whole(self.folder / MANIFEST, json.dumps(
+            {**self.claim(), "versions": versions, "scenario": self.scenario, "warnings": self._counted(),
+             "shards": shards, "throughput": throughput}, indent=1).encode())
 
 
 def digest_of_shard(path: Path) -> str:

@@ -9,13 +9,12 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
-from ...base.errors import ConfigError
 from ...renderer import open_renderer
 from ...scene.scene import Scene
 from ...view.state import State
-from ..header import VERSION
+from ..header import same_version
 from ..options import FrameOptions
-from ..sequence import drawn, path_in_states
+from ..sequence import drawn, paths_of_state
 from .shards import FORMATS, Files
 
 Frames = list[tuple[int, State | None]]
@@ -78,8 +77,7 @@ def draw_elsewhere(setup: Setup, number: int, frames: Frames) -> Shard:
     ConfigError
         Another version of glrender there.
     """
-    if setup.version != VERSION:
-        raise ConfigError("--dask", f"a worker has glrender {VERSION}, not {setup.version}", hint="install the same")
+    same_version(setup.version)
     return _thread.submit(_draw, setup, number, frames).result()
 
 
@@ -98,11 +96,8 @@ def _draw(setup: Setup, number: int, frames: Frames) -> Shard:
     lines = []
     for index, sent in frames:
         state = setup.states[index] if sent is None else sent
-        try:
+        with paths_of_state(index):
             frame = drawn(renderer, index, state, setup.options)
-        except ConfigError as error:
-            error.path = path_in_states(index, error.path)
-            raise
         made.add(index, state, frame, frame.header)
         lines.append(json.dumps(frame.header))
     return Shard(files=made.files(), labels=("\n".join(lines) + "\n").encode(),
