@@ -19,6 +19,9 @@ from .sub_triangles import FACETS_AT_ONCE
 MOST_HORIZONS = 150_000
 """Facets up to which horizons are made: 30 us a facet, once; larger shapes cast a ray from every centroid."""
 
+# Facets in a row that are looked at where others are left out: most have their neighbours there.
+_RUN = 64
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CentroidHorizons:
@@ -60,8 +63,8 @@ class CentroidHorizons:
         return cls(facets=facets, heights=heights, has_backs=solid.has_backs)
 
     def shade(self, to_sun: np.ndarray, r_camera_m: np.ndarray, brdf: np.ndarray, first_root: float,
-              root_step: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Radiance (F,) of the facets, in the BRDF's unit: 0 of those that are dark or not seen.
+              root_step: float, one_in: int = 1) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Radiance (F,) of the facets, in the BRDF's unit: 0 of those that are dark or not seen, NaN if left out.
 
         Parameters
         ----------
@@ -70,6 +73,8 @@ class CentroidHorizons:
         r_camera_m : (3,) float64 [m]
         brdf, first_root, root_step
             As `BrdfTables.of` has them.
+        one_in : int
+            One facet in so many is shaded, in runs of neighbours; the others are left out.
 
         Returns
         -------
@@ -80,12 +85,17 @@ class CentroidHorizons:
             Whether of their being seen, and of their being lit.
         """
         n_facets = len(self.facets)
-        found, asked, is_asked = np.empty(n_facets), np.empty(n_facets, np.intp), np.empty((2, n_facets), bool)
+        found, asked, is_asked = np.full(n_facets, np.nan), np.empty(n_facets, np.intp), np.empty((2, n_facets), bool)
+
+        run = FACETS_AT_ONCE if one_in == 1 else _RUN
 
         def look(part: slice) -> np.ndarray:
-            n = shade_centroids(self.facets, self.heights, part.start, part.stop, to_sun, r_camera_m,
-                              brdf, first_root, 1.0 / root_step, self.has_backs, found, asked, is_asked)
-            return np.arange(part.start, part.start + n)
+            places = []
+            for first in range(part.start, part.stop, run * one_in):
+                n = shade_centroids(self.facets, self.heights, first, min(first + run, part.stop), to_sun, r_camera_m,
+                                    brdf, first_root, 1.0 / root_step, self.has_backs, found, asked, is_asked)
+                places.append(np.arange(first, first + n))
+            return np.concatenate(places)
 
         places = np.concatenate(threads.run_in_parts(look, n_facets, FACETS_AT_ONCE))
         return found, asked[places], is_asked[:, places]

@@ -27,8 +27,8 @@ _ALIKE = 0.6
 _SAMPLED = 3
 
 
-def centroid_error(boundary: np.ndarray, flux_share: float) -> CoverageError:
-    """The estimated error by what `facet_loops.lit_edges` finds (4,).
+def centroid_error(boundary: np.ndarray, flux_share: float, one_in: int) -> CoverageError:
+    """The estimated error by what `facet_loops.lit_edges` finds (4,) of one facet in so many.
 
     The share is the tolerance of the total light over that of the RMS error [1].
     """
@@ -37,8 +37,8 @@ def centroid_error(boundary: np.ndarray, flux_share: float) -> CoverageError:
         return CoverageError(0.0, 0.0)
     # Errors of small facets next to each other are alike.
     pixels = _BOUNDARY_ERROR * math.sqrt(squared * min(of_area / squared, 1.0) ** _ALIKE * area) / light
-    # One facet in a few was tested: all have as many times the light, and the root of that as error of the flux.
-    flux = _BOUNDARY_ERROR * math.sqrt(of_area / _SAMPLED) / light
+    # All facets have as many times the light, and the root of that as error of the flux.
+    flux = _BOUNDARY_ERROR * math.sqrt(of_area / one_in) / light
     return CoverageError(max(pixels, flux / flux_share), max(pixels, flux / FLUX_SHARE))
 
 
@@ -57,6 +57,8 @@ class CentroidVisibility:
     brdf_tables : BrdfTables
     flux_share : float [1]
         Tolerance of the total light over that of the RMS error.
+    one_in : int
+        One facet in so many is looked at: enough for the error, if not for an image.
 
     Attributes
     ----------
@@ -64,20 +66,21 @@ class CentroidVisibility:
     """
 
     def __init__(self, facets: FacetTables, view: BodyView, cells: ImageCells, rays: RayEngine,
-                 brdf_tables: BrdfTables, flux_share: float):
+                 brdf_tables: BrdfTables, flux_share: float, one_in: int = 1):
         self._facets, self._view, self._bounds_px = facets, view, cells.bounds_px
         self._xy = projected(facets.vertices_m, view, cells.camera)
-        self._radiance = self._shaded(rays, brdf_tables)
+        self._radiance = self._shaded(rays, brdf_tables, one_in)
+        every = _SAMPLED if one_in == 1 else 1
         self.error = centroid_error(facet_loops.lit_edges(
             facets.horizons.facets, self._radiance, facets.neighbours, facets.corners, self._xy, cells.bounds_px,
-            _SAMPLED, view.sun_direction_body, view.r_camera_body_m), flux_share)
+            every, view.sun_direction_body, view.r_camera_body_m), flux_share, every * one_in)
 
-    def _shaded(self, rays: RayEngine, brdf_tables: BrdfTables) -> np.ndarray:
+    def _shaded(self, rays: RayEngine, brdf_tables: BrdfTables, one_in: int) -> np.ndarray:
         """Radiance (F,) in 1/sr of the Sun's irradiance at 1 au: 0 of facets that are dark, or not seen."""
         facets, view = self._facets, self._view
         radiance, asked, (is_seen, is_lit) = facets.horizons.shade(
             view.sun_direction_body, view.r_camera_body_m,
-            *brdf_tables.of(facets.surface, view, facets.solid.radius_m, view.sun_distance_au**-2))
+            *brdf_tables.of(facets.surface, view, facets.solid.radius_m, view.sun_distance_au**-2), one_in)
         xy = self._xy.take(facets.corners.take(asked, axis=1), axis=1)
         is_shown = (xy.max(axis=1) > self._bounds_px[:2, None]) & (xy.min(axis=1) < self._bounds_px[2:, None])
         shown = np.flatnonzero(is_shown.all(axis=0))

@@ -44,8 +44,8 @@ def lit_edges(facets, radiance, neighbours, corners, xy, bounds, every, to_sun, 
     """Light that may be wrong in one of every `every` facets, each all lit or all dark by its radiance (F,).
 
     Sums (4,): areas and light of lit facets that begin within the edges x0, y0, x1, y1 of the image; and of those
-    next to a dark one that faces Sun and camera, squared radiance times the area, and times its square. Facets (F, 6)
-    float32 have normals and centroids [m].
+    next to a dark one that faces Sun and camera, squared radiance times the area, and times its square. Of facets whose
+    radiance is NaN nothing is known. Facets (F, 6) float32 have normals and centroids [m].
     """
     found = np.zeros(4)
     for facet in range(0, len(radiance), every):
@@ -60,7 +60,7 @@ def lit_edges(facets, radiance, neighbours, corners, xy, bounds, every, to_sun, 
         found[1] += area * here
         for side in range(3):
             across = neighbours[side, facet]
-            if across < 0 or radiance[across] > 0.0:
+            if across < 0 or not radiance[across] <= 0.0:
                 continue
             x, y, z = float(facets[across, 0]), float(facets[across, 1]), float(facets[across, 2])
             if (x * to_sun[0] + y * to_sun[1] + z * to_sun[2] > 0.0

@@ -14,6 +14,7 @@ from glrender import Body, Renderer, Shape, generate
 from glrender.brdf import GlslText, Hapke, Lambert, Law, LommelSeeliger, Minnaert
 from glrender.engines.coverage.brdf_tables import BrdfTables
 from glrender.engines.coverage.centroid_horizons import CentroidHorizons
+from glrender.engines.coverage.centroid_visibility import CentroidVisibility
 from glrender.engines.coverage.engine import CoverageEngine
 from glrender.engines.coverage.image_cells import ImageCells
 from glrender.engines.rays.backend import RayTracer
@@ -279,6 +280,35 @@ def test_a_frame_tells_its_error_before_it_is_drawn(rough):
     assert error.rms == told.rms and error.judged > told.judged, "by a share of the flux that is a hundredth"
     assert strict.tobytes() == image.tobytes() and np.isinf(engine.draw_by_centroids(
         *given, Budget(tolerance=0.99 * error.judged, flux=0.99e-3 * error.judged)).error).all()
+
+
+@pytest.mark.parametrize("flux_share", [0.1, 1e-4], ids=["pixels", "flux"])
+@pytest.mark.parametrize("size_px", [40.0, 240.0])
+def test_one_facet_in_sixteen_tells_the_error_of_all(rough, size_px, flux_share):
+    """To a factor of two: squared light of boundaries is in few facets, and beyond the edges of runs none is known."""
+    scene, engine = engine_of(rough.shape)
+    camera = views.camera(300, size_px * 10.0)
+    for phase_deg in (40.0, 80.0):
+        seen = view_bodies(views.state(phase_deg=phase_deg, range_m=2000.0), camera, scene.hulls)
+        few, every = (CentroidVisibility(engine.facets("body"), seen[0], whole(camera, seen)[2], engine._rays,
+                                         BrdfTables(), flux_share, one_in).error.judged for one_in in (16, 1))
+        assert 0.5 < few / every < 1.5
+
+
+def test_few_rays_tell_that_millions_would_be_in_vain(monkeypatch):
+    """A knobbly ball of 328,000 facets, whose centroids each cost a ray: a sixteenth of them where these do not do."""
+    ball = generate.icosphere(radius_m=100.0, subdivisions=7)
+    knobs = 1.0 + 0.03 * np.sin(0.2 * ball.vertices_m).prod(axis=1, keepdims=True)
+    scene, engine = engine_of(Shape.from_arrays(knobs * ball.vertices_m, ball.facets))
+    camera, = scene.cameras
+    given = whole(camera, view_bodies(views.state(phase_deg=80.0, range_m=2000.0), camera, scene.hulls))
+    asked, in_view = [], engine._rays.in_view
+    monkeypatch.setattr(engine._rays, "in_view", lambda *told: asked.append(told[-1].sum()) or in_view(*told))
+    error = engine.draw_by_centroids(*given, Budget(tolerance=1.0)).error
+    n_all, asked[:] = sum(asked), []
+    assert 0.0 < error.judged < 0.2 and n_all > 50_000
+    dark = engine.draw_by_centroids(*given, Budget(tolerance=0.3 * error.judged))
+    assert not dark.means.any() and np.isinf(dark.error).all() and sum(asked) < n_all / 12
 
 
 def test_the_image_does_not_depend_on_the_number_of_threads(rough, monkeypatch):
