@@ -270,10 +270,10 @@ class IrradiancePass:
                 frame.camera, window.bounds_px, (x1 - x0, y1 - y0)))
             of_areas = by_areas(window.samples)
             # An image is dark for what samples pass by, and for no shadow, where they miss most of the light of areas.
-            if not mean.any() and 2.0 * of_areas.sum() > by_areas(0).sum():
-                light = by_areas(0).astype(np.float32)
+            if not mean.any() and 2.0 * of_areas.sum() > (of_all := by_areas(0)).sum():
+                light = of_all
             if frame_error(light, of_areas) > _MUCH_LARGER * frame_error(light, error):
-                error, missed = np.maximum(error, of_areas, dtype=np.float32), by_areas
+                error, missed = np.maximum(error, of_areas), by_areas
         now = frame_error(light, error)
         # Edges of shadows lie where the map's texels put them, however many samples see them.
         edges = now * window.samples**(0.5 * power) * math.sqrt(window.shadow_share)

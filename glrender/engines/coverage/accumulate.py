@@ -112,28 +112,6 @@ def add_line(changes, x0, y0, x1, y1, step):
             _add_in_cell(changes, row, column, 0.5 * (begins + ends), per_column * (ends - begins))
 
 
-@compiled(void(_CHANGES, read(float64, 2), INDICES, read(int32, 2), read(float64, 1), intp, intp, intp, VECTOR,
-               VECTOR))
-def add_facets(changes, xy, corners, neighbours, radiance, first, block, every, origin, per_px):
-    """Add what lines around facets that have a radiance (F,) change in cells; one line for two facets that share it.
-
-    The facets are taken in blocks: `block` facets from the `first` on, and from each that is `every` further.
-    """
-    for begin in range(first, len(radiance), every):
-        for facet in range(begin, min(begin + block, len(radiance))):
-            here = radiance[facet]
-            if here == 0.0:
-                continue
-            for side in range(3):
-                across = neighbours[side, facet]
-                there = radiance[across] if across >= 0 else 0.0
-                if there == 0.0 or facet < across:
-                    a, b = corners[side, facet], corners[(side + 1) % 3, facet]
-                    step = complex(here - there, 1.0 if there == 0.0 else 0.0)
-                    add_line(changes, (xy[0, a] - origin[0]) * per_px[0], (xy[1, a] - origin[1]) * per_px[1],
-                             (xy[0, b] - origin[0]) * per_px[0], (xy[1, b] - origin[1]) * per_px[1], step)
-
-
 @compiled(void(_CHANGES, float64, float64, float64, float64, complex128, intp))
 def _take_samples_of_line(changes, x0, y0, x1, y1, step, n):
     """Take off what a line from (x0, y0) to (x1, y1) changes in cells of n x n samples each."""
@@ -151,21 +129,31 @@ def _take_samples_of_line(changes, x0, y0, x1, y1, step, n):
             changes[row // n, column // n + 1] -= each * (column % n)
 
 
-@compiled(void(_CHANGES, read(float64, 2), INDICES, read(int32, 2), read(float64, 1), intp, VECTOR, VECTOR))
-def take_samples(changes, xy, corners, neighbours, radiance, n, origin, per_px):
-    """Take off what n x n samples in each cell meet of facets that have a radiance (F,): `add_facets`."""
-    for facet in range(len(radiance)):
-        here = radiance[facet]
-        if here == 0.0:
-            continue
-        for side in range(3):
-            across = neighbours[side, facet]
-            there = radiance[across] if across >= 0 else 0.0
-            if there == 0.0 or facet < across:
-                a, b = corners[side, facet], corners[(side + 1) % 3, facet]
-                step = complex(here - there, 1.0 if there == 0.0 else 0.0)
-                _take_samples_of_line(changes, (xy[0, a] - origin[0]) * per_px[0], (xy[1, a] - origin[1]) * per_px[1],
-                                      (xy[0, b] - origin[0]) * per_px[0], (xy[1, b] - origin[1]) * per_px[1], step, n)
+@compiled(void(_CHANGES, read(float64, 2), INDICES, read(int32, 2), read(float64, 1), intp, intp, intp, VECTOR,
+               VECTOR, intp))
+def add_facets(changes, xy, corners, neighbours, radiance, first, block, every, origin, per_px, n):
+    """Add what lines around facets that have a radiance (F,) change in cells; one line for two facets that share it.
+
+    The facets are taken in blocks: `block` facets from the `first` on, and from each that is `every` further. With n
+    above 0 what n x n samples in each cell meet of them is taken off instead.
+    """
+    for begin in range(first, len(radiance), every):
+        for facet in range(begin, min(begin + block, len(radiance))):
+            here = radiance[facet]
+            if here == 0.0:
+                continue
+            for side in range(3):
+                across = neighbours[side, facet]
+                there = radiance[across] if across >= 0 else 0.0
+                if there == 0.0 or facet < across:
+                    a, b = corners[side, facet], corners[(side + 1) % 3, facet]
+                    step = complex(here - there, 1.0 if there == 0.0 else 0.0)
+                    x0, y0 = (xy[0, a] - origin[0]) * per_px[0], (xy[1, a] - origin[1]) * per_px[1]
+                    x1, y1 = (xy[0, b] - origin[0]) * per_px[0], (xy[1, b] - origin[1]) * per_px[1]
+                    if n == 0:
+                        add_line(changes, x0, y0, x1, y1, step)
+                    else:
+                        _take_samples_of_line(changes, x0, y0, x1, y1, step, n)
 
 
 @compiled(void(_CHANGES, read(float64, 2), read(intp, 2, "A"), read(complex128, 1), VECTOR, VECTOR))

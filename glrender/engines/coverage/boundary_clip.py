@@ -69,25 +69,28 @@ class FacetCutter:
 
     def quarters(self, triangles: FacetParts) -> FacetParts:
         """Each divided in four between the midpoints of its sides."""
-        points, corner = self.points, triangles.corner
-        ends, first, side = facet_loops.distinct_pairs(corner.ravel(), corner[[1, 2, 0]].ravel())
-        r_m = 0.5 * (points.r_m.take(ends[0], axis=1) + points.r_m.take(ends[1], axis=1))
-        made = points.add(r_m, *self._told(r_m, triangles.facet.take(first % max(len(triangles.facet), 1))))
+        corner = triangles.corner
+        made = self._middles(corner.ravel(), corner[[1, 2, 0]].ravel(), np.tile(triangles.facet, 3))
         # Corners 0, 1, 2; between them 3, 4, 5.
-        corner = np.concatenate([corner, made.take(side).reshape(3, -1)])
+        corner = np.concatenate([corner, made.reshape(3, -1)])
         return FacetParts.joined([FacetParts(corner[three], triangles.facet, 0.25 * triangles.area_px)
                                   for three in ([0, 3, 5], [3, 1, 4], [5, 4, 2], [4, 5, 3])])
 
     def halves(self, triangles: FacetParts) -> FacetParts:
         """Each divided in two by the midpoint of its longest side."""
-        points, every = self.points, np.arange(len(triangles.facet))
-        longest = np.argmax(triangles.sides_squared(points.r_m), axis=0)
+        every = np.arange(len(triangles.facet))
+        longest = np.argmax(triangles.sides_squared(self.points.r_m), axis=0)
         begin, end, beyond = (triangles.corner[(longest + j) % 3, every] for j in range(3))
-        ends, first, side = facet_loops.distinct_pairs(begin, end)
-        r_m = 0.5 * (points.r_m.take(ends[0], axis=1) + points.r_m.take(ends[1], axis=1))
-        middle = points.add(r_m, *self._told(r_m, triangles.facet.take(first))).take(side)
+        middle = self._middles(begin, end, triangles.facet)
         return FacetParts.joined([FacetParts(np.stack(corner), triangles.facet, 0.5 * triangles.area_px)
                                   for corner in ([begin, middle, beyond], [middle, end, beyond])])
+
+    def _middles(self, begin: np.ndarray, end: np.ndarray, facet: np.ndarray) -> np.ndarray:
+        """Points (N,) midway between points (N,) of facets (N,); one where two facets share it."""
+        points = self.points
+        ends, first, side = facet_loops.distinct_pairs(begin, end)
+        r_m = 0.5 * (points.r_m.take(ends[0], axis=1) + points.r_m.take(ends[1], axis=1))
+        return points.add(r_m, *self._told(r_m, facet.take(first))).take(side)
 
     def cut_off(self, triangles: FacetParts, n_bisections: int) -> list[Polygons]:
         """The lit rest of triangles that are cut between the corner that differs and the two others.

@@ -37,7 +37,7 @@ def add_facets(changes: np.ndarray, cells: ImageCells, facets: FacetTables, view
             radiance = radiance.copy()
             radiance[long] = 0.0
     accumulate.in_two_images(changes, np.count_nonzero(radiance), lambda image, *turn: accumulate.add_facets(
-        image, xy_px, facets.corners, facets.neighbours, radiance, *turn, cells.origin_px, cells.per_px))
+        image, xy_px, facets.corners, facets.neighbours, radiance, *turn, cells.origin_px, cells.per_px, 0))
 
 
 def add_polygons(changes: np.ndarray, cells: ImageCells, view: BodyView, r_body_m: np.ndarray,

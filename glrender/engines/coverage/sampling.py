@@ -40,8 +40,10 @@ def sampling_errors(bodies: Iterable[tuple[FacetTables, BodyView]], cells: Image
         radiance[facing] = FacetRadiance(facets, view, facing, cosines).of(facing)
         drawn.append((facets, view, xy_px, radiance))
     found, (left, top, right, _) = np.empty(cells.shape, np.float32), cells.bounds_px
-    for first in range(0, rows, ROWS):
-        last = min(first + ROWS, rows)
+    # All facets are visited for each band of rows, which takes no more memory than they do.
+    at_once = max(ROWS, sum(len(radiance) for *_, radiance in drawn) // columns)
+    for first in range(0, rows, at_once):
+        last = min(first + at_once, rows)
         band = ImageCells(camera, (left, top + first / cells.per_px[1], right, top + last / cells.per_px[1]),
                           (columns, last - first))
         found[first:last] = _errors(drawn, band, count) * (solar_W_m2 / camera.focal_length_px**2)
@@ -55,8 +57,8 @@ def _errors(drawn: list[tuple[FacetTables, BodyView, np.ndarray, np.ndarray]], c
     for facets, view, xy_px, radiance in drawn:
         outlines.add_facets(changes, cells, facets, view, xy_px, radiance)
         if count:
-            accumulate.take_samples(changes, xy_px, facets.corners, facets.neighbours, radiance, count,
-                                    cells.origin_px, cells.per_px)
+            accumulate.add_facets(changes, xy_px, facets.corners, facets.neighbours, radiance, 0, facets.n_facets,
+                                  facets.n_facets, cells.origin_px, cells.per_px, count)
     error, cover = np.empty((2, *cells.shape))
     accumulate.means(changes, 0, len(error), error, cover)
     across, down = cells.tangents_squared

@@ -128,5 +128,5 @@ def test_blocks_of_facets_change_cells_as_all_at_once_do(rng):
         for start, end in zip(places, np.roll(places, -1, axis=0), strict=True):
             add_line(expected, *start, *end, radiance[facet] + 1j)
     for k in range(3):
-        add_facets(found, xy, corners, across, radiance, k * 1000, 1000, 3000, *where)
+        add_facets(found, xy, corners, across, radiance, k * 1000, 1000, 3000, *where, 0)
     np.testing.assert_allclose(found, expected, atol=1e-9)
