@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from .base.attitude import from_basilisk_mrp, from_matlab_dcm, from_matlab_quat, from_ros, from_scipy, from_spice
     from .base.errors import ConfigError, DeviceError, GlrenderError, ProtocolError, SceneError, ShaderError, ShapeError
     from .capture.capture import Capture, draw_still, take_frame
+    from .capture.comparison import Comparison, compare_frame
     from .engines.image import Image  # noqa: F401 (not in __all__: `import *` would hide PIL's)
     from .engines.rays.laser_ranges import RangeNoise, Ranges, laser_ranges
     from .renderer import Renderer, open_renderer
@@ -28,11 +29,11 @@ if TYPE_CHECKING:
     from .view.state import Pose, State
 
 __version__ = version("glrender")
-__all__ = ["Body", "Boulders", "Capture", "ConfigError", "Craters", "Detail", "DeviceError", "GlrenderError", "Lamp",
-           "Noise", "PinholeCamera", "Pose", "ProtocolError", "RangeNoise", "Ranges", "Renderer", "Scene",
-           "SceneError", "Shape", "ShaderError", "ShapeError", "Stars", "State", "draw_still", "frames",
-           "from_basilisk_mrp", "from_matlab_dcm", "from_matlab_quat", "from_ros", "from_scipy", "from_spice",
-           "generate", "laser_ranges", "load_scene", "open_renderer", "take_frame"]
+__all__ = ["Body", "Boulders", "Capture", "Comparison", "ConfigError", "Craters", "Detail", "DeviceError",
+           "GlrenderError", "Lamp", "Noise", "PinholeCamera", "Pose", "ProtocolError", "RangeNoise", "Ranges",
+           "Renderer", "Scene", "SceneError", "Shape", "ShaderError", "ShapeError", "Stars", "State", "compare_frame",
+           "draw_still", "frames", "from_basilisk_mrp", "from_matlab_dcm", "from_matlab_quat", "from_ros", "from_scipy",
+           "from_spice", "generate", "laser_ranges", "load_scene", "open_renderer", "take_frame"]
 
 _MODULES = {"frames": ".base.rotations", "generate": ".scene.shape.generate"}
 _NAMES = {
@@ -42,6 +43,7 @@ _NAMES = {
     ".base.errors": ("ConfigError", "DeviceError", "GlrenderError", "ProtocolError", "SceneError", "ShaderError",
                      "ShapeError"),
     ".capture.capture": ("Capture", "draw_still", "take_frame"),
+    ".capture.comparison": ("Comparison", "compare_frame"),
     ".engines.image": ("Image",),
     ".engines.rays.laser_ranges": ("RangeNoise", "Ranges", "laser_ranges"),
     ".renderer": ("Renderer", "open_renderer"),

@@ -119,13 +119,18 @@ classdef GlRenderClient < handle
       %   deadline_s: nothing more is begun after this time [s]; reply.header.is_late says whether the frame took longer.
       %   Without a seed, frames with noise are counted from 0; reply.header.seed has it.
       %   max_error is a number, or a struct of any of rms, flux, centroid_px, limb_px, range.
+      %   'compare', frame: the camera's digital numbers (uint8, uint16, single or double, of 1 MB at most, or of roi) are
+      %   compared with those that the state and exposure_s predict, and no image comes: reply.header.comparison has
+      %   names, units, matrix, vector, chi2, gain, ... (docs/protocol.md): vertcat(c.matrix{:}) \ c.vector.' is the step
+      %   that explains the frame. With it go derivatives, unknown (cells of names), blur_px and robust.
       %   'progress', @(share) fprintf('%.0f %%\n', 100 * share) is called about twice a second while a server with
       %   worker processes draws slow frames.
       %   The result is a GlRenderReply: reply.pixels, reply.arrays.PRODUCT, reply.header.
       pairs = GlRenderClient.checked(varargin, [GlRenderClient.frame_options(), GlRenderClient.request_options()]);
-      for k = 2 * find(strcmp(pairs(1:2:end), 'products'))
+      for k = 2 * find(ismember(pairs(1:2:end), {'products', 'derivatives', 'unknown'}))
         pairs{k} = GlRenderClient.list(pairs{k});
       end
+      pairs = glr_compare_pairs(pairs);
       [arrays, header_bytes] = self.ask_frames(self.seeded(pairs), state);
       reply = GlRenderReply(arrays{1}, header_bytes);
     end
@@ -142,8 +147,11 @@ classdef GlRenderClient < handle
         if ~isempty(wrong)
           error('glrender:argument', 'frames{%d}: unknown option %s', k, wrong{1});
         end
-        if isfield(frames{k}, 'products')
-          frames{k}.products = GlRenderClient.list(frames{k}.products);
+        for name = intersect(fieldnames(frames{k}), {'products', 'derivatives', 'unknown'}).'
+          frames{k}.(name{1}) = GlRenderClient.list(frames{k}.(name{1}));
+        end
+        if isfield(frames{k}, 'compare')
+          error('glrender:argument', 'frames{%d}: compare belongs to render', k);
         end
         pairs = self.seeded(reshape([fieldnames(frames{k}), struct2cell(frames{k})].', 1, []));
         if numel(pairs) > 2 * numel(fieldnames(frames{k}))
@@ -333,7 +341,7 @@ classdef GlRenderClient < handle
 
     function names = frame_options()
       names = {'camera', 'output', 'exposure_s', 'seed', 'max_error', 'samples', 'products', 'roi', ...
-               'faults', 'deadline_s'};
+               'faults', 'deadline_s', 'compare', 'derivatives', 'unknown', 'blur_px', 'robust'};
     end
 
     function names = list(names)

@@ -200,6 +200,18 @@ int glr_render(glr_client *client, const glr_state *state, const glr_options *op
     return result;
 }
 
+int glr_compare(glr_client *client, const glr_state *state, const glr_options *options, const glr_frame *frame,
+                glr_comparison *comparison) {
+    glr_options alone = *options;
+    glr_reply reply;
+    int result;
+    alone.n_products = 0;
+    alone.compare = frame;
+    result = render(client, state, &alone, 1, 0, &reply);
+    *comparison = reply.comparison;
+    return result;
+}
+
 int glr_render_frames(glr_client *client, const glr_state *state, const glr_options *frames, uint32_t n_frames,
                       glr_reply *reply) {
     /* One frame alone: errors name its fields without its place in a list. */

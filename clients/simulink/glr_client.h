@@ -14,6 +14,7 @@
 #include <stdint.h>
 
 #define GLR_MAX_IMAGES 15 /* images and products of one reply */
+#define GLR_MAX_PARAMETERS 16 /* of a comparison */
 #define GLR_MAX_WARNINGS 8 /* warnings that a reply keeps; `header` has all */
 
 typedef struct glr_client glr_client;
@@ -31,6 +32,29 @@ typedef struct {
     const char *const *body_names;
     const glr_pose *bodies;
 } glr_state;
+
+/* A camera's frame, or the part of it that `roi` is, to be compared with the predicted one; about 1 MB at most. */
+typedef struct {
+    const void *pixels; /* row by row, little-endian */
+    const char *dtype;  /* "uint8", "uint16", "float32", "float64" */
+    uint32_t height, width;
+    double blur_px; /* deviation of a Gaussian by which both are blurred; 0: none */
+    int is_robust;  /* whether pixels that differ by much more than most weigh less */
+    uint32_t n_derivatives; /* 0: the six of the spacecraft */
+    const char *const *derivatives;
+    int is_gain_known, is_offset_known;
+} glr_frame;
+
+/* The normal equations of the fit that explains a frame: matrix x step = vector. The last are "gain" and "offset", unless
+ * they are known; a parameter that is known is left out with its row and column. */
+typedef struct {
+    uint32_t n;
+    char names[GLR_MAX_PARAMETERS][48]; /* "spacecraft[0]" [m], ...: units as in docs/derivatives.md */
+    double matrix[GLR_MAX_PARAMETERS][GLR_MAX_PARAMETERS];
+    double vector[GLR_MAX_PARAMETERS];
+    double chi2, n_pixels; /* of the weighted residuals; pixels that count */
+    double gain, offset_DN; /* best ones at the state that was sent */
+} glr_comparison;
 
 /* Zero-initialise: then the scene's only camera, its irradiance, row-major, nothing beside it. */
 typedef struct {
@@ -50,6 +74,7 @@ typedef struct {
     const char *scene; /* digest of the scene that is meant (docs/protocol.md): where another is served, the frame is
                           refused; NULL: whatever is served. Of the first frame, for all */
     double deadline_s; /* [s] after which nothing more of the frame is begun; 0: none */
+    const glr_frame *compare; /* of glr_compare */
 } glr_options;
 
 /* The image or a product of a frame. */
@@ -77,6 +102,7 @@ typedef struct {
     glr_warning warnings[GLR_MAX_WARNINGS];
     uint64_t seeds[GLR_MAX_IMAGES]; /* by frame: of the noise of digital numbers */
     int is_late[GLR_MAX_IMAGES];    /* by frame: whether it took longer than its deadline_s */
+    glr_comparison comparison;      /* of glr_compare */
     const void *header;             /* all of it as msgpack, the client's until its next call: plan, stages, ... */
     size_t n_header_bytes;
 } glr_reply;
@@ -92,6 +118,10 @@ int glr_render(glr_client *client, const glr_state *state, const glr_options *op
  * The images come in the order of the frames, each frame's image before its products. */
 int glr_render_frames(glr_client *client, const glr_state *state, const glr_options *frames, uint32_t n_frames,
                       glr_reply *reply);
+
+/* How a frame differs from the one that a state, and the exposure of `options`, predict. 0, or -1 as above. */
+int glr_compare(glr_client *client, const glr_state *state, const glr_options *options, const glr_frame *frame,
+                glr_comparison *comparison);
 
 /* Code of the last error: those of docs/protocol.md, or "timeout", "connection", "protocol", "memory".
  * The message names field, rule and value. Both are the client's, until its next call. NULL client: "memory". */

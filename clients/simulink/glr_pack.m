@@ -8,10 +8,15 @@ function bytes = glr_pack(value)
 %   numeric row or column                 list
 %   numeric matrix                        list of its rows
 %   logical 1 x 1                         true or false
+%   struct('bin', uint8 row)              bytes
 %   []                                    nil
 %   Errors: glrender:pack.
   if isstruct(value) && numel(value) == 1
     names = fieldnames(value);
+    if isequal(names, {'bin'})
+      bytes = bin_bytes(value.bin);
+      return
+    end
     chunks = cell(1, 2 * numel(names));
     for k = 1:numel(names)
       name = names{k};
@@ -122,6 +127,17 @@ function bytes = text_bytes(text)
     bytes = [uint8([217, numel(utf8)]), utf8];
   else
     bytes = [uint8(219), big_endian(uint32(numel(utf8))), utf8];
+  end
+end
+
+function bytes = bin_bytes(raw)
+  count = numel(raw);
+  if count < 256
+    bytes = [uint8([196, count]), raw];
+  elseif count < 65536
+    bytes = [uint8(197), big_endian(uint16(count)), raw];
+  else
+    bytes = [uint8(198), big_endian(uint32(count)), raw];
   end
 end
 

@@ -134,6 +134,46 @@ static void read_warnings(glr_reader *in, glr_reply *reply, uint32_t frame) {
     }
 }
 
+/* `n` numbers; no others may stand there. */
+static void read_vector(glr_reader *in, double *values, uint32_t n) {
+    uint32_t k;
+    if (glr_get_list(in) != n)
+        in->failed = 1;
+    for (k = 0; k < n && !in->failed; k++)
+        values[k] = glr_get_double(in);
+}
+
+/* Names come first: they say how many numbers there are. */
+static void read_comparison(glr_reader *in, glr_comparison *found) {
+    uint32_t n_pairs = glr_get_map(in), k, j;
+    for (k = 0; k < n_pairs && !in->failed; k++) {
+        glr_text key = glr_get_text(in);
+        if (glr_text_is(key, "names")) {
+            found->n = glr_get_list(in);
+            if (found->n > GLR_MAX_PARAMETERS)
+                in->failed = 1;
+            for (j = 0; j < found->n && !in->failed; j++)
+                glr_copy_text(found->names[j], sizeof found->names[j], glr_get_text(in));
+        } else if (glr_text_is(key, "matrix")) {
+            if (glr_get_list(in) != found->n)
+                in->failed = 1;
+            for (j = 0; j < found->n && !in->failed; j++)
+                read_vector(in, found->matrix[j], found->n);
+        } else if (glr_text_is(key, "vector"))
+            read_vector(in, found->vector, found->n);
+        else if (glr_text_is(key, "chi2"))
+            found->chi2 = glr_get_double(in);
+        else if (glr_text_is(key, "n_pixels"))
+            found->n_pixels = glr_get_double(in);
+        else if (glr_text_is(key, "gain"))
+            found->gain = glr_get_double(in);
+        else if (glr_text_is(key, "offset_DN"))
+            found->offset_DN = glr_get_double(in);
+        else
+            glr_skip(in);
+    }
+}
+
 /* Whether a pair is a fact of one frame; its value is read then. */
 static int read_fact(glr_reader *in, glr_text key, glr_reply *reply, uint32_t frame) {
     if (frame >= GLR_MAX_IMAGES)
@@ -162,7 +202,7 @@ static void read_frames(glr_reader *in, glr_reply *reply) {
 int glr_read_render(const glr_message *message, glr_reply *reply, glr_error *error) {
     glr_reader in = header_of(message);
     uint32_t n_pairs = glr_get_map(&in), k;
-    int ok = 0;
+    int ok = 0, has_comparison = 0;
     memset(reply, 0, sizeof *reply);
     reply->header = message->parts[0];
     reply->n_header_bytes = message->sizes[0];
@@ -177,14 +217,17 @@ int glr_read_render(const glr_message *message, glr_reply *reply, glr_error *err
                 return -1;
         } else if (glr_text_is(key, "frames"))
             read_frames(&in, reply);
-        else if (!read_fact(&in, key, reply, 0))
+        else if (glr_text_is(key, "comparison")) {
+            read_comparison(&in, &reply->comparison);
+            has_comparison = 1;
+        } else if (!read_fact(&in, key, reply, 0))
             glr_skip(&in);
     }
     if (in.failed)
         return glr_fail(error, "protocol", "a reply's header cannot be read");
     if (!ok)
         return error->code[0] ? -1 : glr_fail(error, "protocol", "a refusal without a code");
-    if (!reply->n_images)
+    if (!reply->n_images && !has_comparison)
         return glr_fail(error, "protocol", "a reply without an image");
     return 0;
 }

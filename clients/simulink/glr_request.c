@@ -42,10 +42,58 @@ static void put_positive(glr_buffer *out, const char *name, double number) {
     }
 }
 
+static int has_both_unknown(const glr_frame *compare) { return !compare->is_gain_known && !compare->is_offset_known; }
+
 static uint32_t n_fields(const glr_options *frame) {
-    return 1u + (frame->camera != NULL) + (frame->is_dn ? 1u + (frame->exposure_s != 0.0) : 0u)
+    const glr_frame *compare = frame->compare;
+    uint32_t n_of_output = 1u + (frame->is_dn ? 1u + (frame->exposure_s != 0.0) : 0u);
+    if (compare)
+        n_of_output = 1u + (frame->exposure_s != 0.0) + (compare->n_derivatives > 0) + !has_both_unknown(compare);
+    return n_of_output + (frame->camera != NULL)
            + (frame->max_error > 0.0 || n_units(frame)) + (frame->samples > 0) + (frame->n_products > 0) + (uint32_t)has_roi(frame)
            + (frame->deadline_s > 0.0);
+}
+
+/* As glr_put_text, of a list. */
+static void put_texts(glr_buffer *out, const char *name, const char *const *texts, uint32_t count) {
+    uint32_t k;
+    glr_put_text(out, name);
+    glr_put_list(out, count);
+    for (k = 0; k < count; k++)
+        glr_put_text(out, texts[k]);
+}
+
+static size_t width_of(const char *dtype) {
+    return !strcmp(dtype, "uint8") ? 1 : !strcmp(dtype, "uint16") ? 2 : !strcmp(dtype, "float32") ? 4 : 8;
+}
+
+static void put_compare(glr_buffer *out, const glr_frame *compare) {
+    const char *unknown[2];
+    uint32_t n_unknown = 0;
+    if (compare->n_derivatives)
+        put_texts(out, "derivatives", compare->derivatives, compare->n_derivatives);
+    if (!has_both_unknown(compare)) {
+        if (!compare->is_gain_known)
+            unknown[n_unknown++] = "gain";
+        if (!compare->is_offset_known)
+            unknown[n_unknown++] = "offset";
+        put_texts(out, "unknown", unknown, n_unknown);
+    }
+    glr_put_text(out, "compare");
+    glr_put_map(out, 3u + (compare->blur_px > 0.0) + (compare->is_robust != 0));
+    glr_put_text(out, "pixels");
+    glr_put_bytes(out, compare->pixels, (size_t)compare->height * compare->width * width_of(compare->dtype));
+    glr_put_text(out, "dtype");
+    glr_put_text(out, compare->dtype);
+    glr_put_text(out, "shape");
+    glr_put_list(out, 2);
+    glr_put_uint(out, compare->height);
+    glr_put_uint(out, compare->width);
+    put_positive(out, "blur_px", compare->blur_px);
+    if (compare->is_robust) {
+        glr_put_text(out, "robust");
+        glr_put_bool(out, 1);
+    }
 }
 
 /* The pairs of one frame, `n_fields` of them. */
@@ -55,16 +103,18 @@ static void put_frame(glr_buffer *out, const glr_options *frame) {
         glr_put_text(out, "camera");
         glr_put_text(out, frame->camera);
     }
-    glr_put_text(out, "output");
-    glr_put_text(out, frame->is_dn ? "dn" : "irradiance");
-    if (frame->is_dn && frame->exposure_s != 0.0) {
+    if (!frame->compare) {
+        glr_put_text(out, "output");
+        glr_put_text(out, frame->is_dn ? "dn" : "irradiance");
+    }
+    if ((frame->is_dn || frame->compare) && frame->exposure_s != 0.0) {
         glr_put_text(out, "exposure_s");
         if (frame->exposure_s < 0.0)
             glr_put_text(out, "auto");
         else
             glr_put_double(out, frame->exposure_s);
     }
-    if (frame->is_dn) {
+    if (frame->is_dn && !frame->compare) {
         glr_put_text(out, "seed");
         glr_put_uint(out, frame->seed);
     }
@@ -83,12 +133,10 @@ static void put_frame(glr_buffer *out, const glr_options *frame) {
         glr_put_text(out, "samples");
         glr_put_uint(out, frame->samples);
     }
-    if (frame->n_products) {
-        glr_put_text(out, "products");
-        glr_put_list(out, frame->n_products);
-        for (k = 0; k < frame->n_products; k++)
-            glr_put_text(out, frame->products[k]);
-    }
+    if (frame->n_products)
+        put_texts(out, "products", frame->products, frame->n_products);
+    if (frame->compare)
+        put_compare(out, frame->compare);
     put_positive(out, "deadline_s", frame->deadline_s);
     if (has_roi(frame)) {
         glr_put_text(out, "roi");

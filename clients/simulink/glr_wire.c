@@ -94,6 +94,25 @@ void glr_put_double(glr_buffer *out, double value) {
     put(out, 0xcb, bits, 8);
 }
 
+void glr_put_bytes(glr_buffer *out, const void *bytes, size_t size) {
+    uint8_t *place;
+    if (size > UINT32_MAX) {
+        out->failed = 1;
+        return;
+    }
+    if (size < 256)
+        put(out, 0xc4, size, 1);
+    else if (size < 65536)
+        put(out, 0xc5, size, 2);
+    else
+        put(out, 0xc6, size, 4);
+    place = glr_reserve(out, size);
+    if (place && size)
+        memcpy(place, bytes, size);
+}
+
+void glr_put_bool(glr_buffer *out, int value) { put(out, value ? 0xc3 : 0xc2, 0, 0); }
+
 void glr_put_vector(glr_buffer *out, const char *key, const double *values, uint32_t count) {
     uint32_t k;
     glr_put_text(out, key);
@@ -167,6 +186,17 @@ uint64_t glr_get_uint(glr_reader *in) {
         return number(in, (size_t)1 << (type - 0xcc));
     in->failed = 1;
     return 0;
+}
+
+double glr_get_double(glr_reader *in) {
+    uint64_t bits;
+    double value = 0.0;
+    if (in->failed || in->at >= in->end || *in->at != 0xcb)
+        return (double)glr_get_uint(in);
+    in->at++;
+    bits = number(in, sizeof bits);
+    memcpy(&value, &bits, sizeof value);
+    return in->failed ? 0.0 : value;
 }
 
 int glr_get_bool(glr_reader *in) {

@@ -19,6 +19,8 @@ void glr_put_list(glr_buffer *out, uint32_t count);
 void glr_put_text(glr_buffer *out, const char *text);
 void glr_put_uint(glr_buffer *out, uint64_t value);
 void glr_put_double(glr_buffer *out, double value);
+void glr_put_bytes(glr_buffer *out, const void *bytes, size_t size);
+void glr_put_bool(glr_buffer *out, int value);
 /* A key and a list of numbers. */
 void glr_put_vector(glr_buffer *out, const char *key, const double *values, uint32_t count);
 
@@ -37,6 +39,8 @@ uint32_t glr_get_map(glr_reader *in);
 uint32_t glr_get_list(glr_reader *in);
 glr_text glr_get_text(glr_reader *in);
 uint64_t glr_get_uint(glr_reader *in);
+/* A number of any type. */
+double glr_get_double(glr_reader *in);
 int glr_get_bool(glr_reader *in);
 /* Step over one value of any type; nesting beyond 32 fails. */
 void glr_skip(glr_reader *in);

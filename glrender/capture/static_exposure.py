@@ -106,7 +106,7 @@ class Drawing:
         self.source = wide if self.lens is None else self.lens.source
         self._box = None
         if roi is not None:
-            roi = _region(roi, wide)
+            roi = checked_region(roi, wide)
         if roi is not None and self.lens is None:
             self._box, self._shape, self.source = roi, (wide.height_px, wide.width_px), _part(wide, roi)
         taken = renderer.options
@@ -345,7 +345,7 @@ def sampled(products: dict[str, np.ndarray], lens: DistortingLens, camera: Pinho
     return made
 
 
-def _region(roi: tuple[int, int, int, int], camera: PinholeCamera) -> tuple[int, int, int, int]:
+def checked_region(roi: object, camera: PinholeCamera) -> tuple[int, int, int, int]:
     """A region of interest x0, y0, x1, y1 [px], one past the last, within the image."""
     if not isinstance(roi, (tuple, list)) or len(roi) != 4:
         raise ConfigError("roi", "must be four integers: x0, y0, x1, y1, one past the last", roi)

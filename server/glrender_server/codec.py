@@ -12,7 +12,7 @@ from glrender import ProtocolError
 from .limits import MAX_DEPTH, MAX_FIELDS, MAX_HEADER_BYTES, MAX_VALUES
 
 VERSION = 1
-MINOR_VERSION = 3
+MINOR_VERSION = 4
 """Counts additions to the protocol: fields that a client may do without."""
 _FIRST = ("v", "op", "id", "client", "ok")
 

@@ -283,7 +283,7 @@ class Dispatcher:
             if header["op"] == "render" and not header["background"]:
                 self._renders.observe(now, seconds)
                 self._warned.frames(header["client"], done.warnings, now)
-                if self._tap is not None:
+                if self._tap is not None and (len(done.reply) > 1 or done.place is not None):
                     self._tap.keep(header["client"], [camera for camera, _ in done.warnings], request.parts[0],
                                    done.reply, done.place)
         if header["background"]:

@@ -10,17 +10,18 @@ from typing import Any
 import numpy as np
 from glrender import ConfigError, PinholeCamera, ProtocolError, Scene
 from glrender.capture.outputs import checked_output, has_exposure
-from glrender.capture.static_exposure import drawn_pixels
+from glrender.capture.static_exposure import checked_region, drawn_pixels
 from glrender.engines.image import peak_bytes
 from glrender.scene.tolerance import checked_deadline
 from glrender_camera.faults.fault import Fault
 from glrender_camera.faults.frame_faults import checked_faults
 from glrender_camera.validate import integer, known_keys, positive
 
+from .compared import COMPARE_KEYS, Compared
 from .limits import MAX_ARRAYS, MAX_FRAME_BYTES
 
 FRAME_KEYS = ("camera", "output", "exposure_s", "seed", "max_error", "samples", "products", "roi", "faults",
-              "deadline_s")
+              "deadline_s", "compare", *COMPARE_KEYS)
 """Fields of a frame: of the request itself, or of an entry of its `frames`."""
 _OF_THE_REQUEST = ("state", "backend", "shared")
 
@@ -45,6 +46,7 @@ class FrameRequest:
     peak_bytes: int
     faults: tuple[Fault, ...] | None = None
     deadline_s: float | None = None
+    compared: Compared | None = None
 
     @classmethod
     def from_dict(cls, table: Mapping[str, Any], scene: Scene, path: str = "") -> FrameRequest:
@@ -55,7 +57,8 @@ class FrameRequest:
         ConfigError
         """
         camera = scene.camera(table.get("camera"))
-        output = checked_output(table.get("output", "irradiance"), camera)
+        compared = Compared.from_dict(table)
+        output = checked_output(table.get("output", "irradiance") if compared is None else "dn", camera)
         products = table.get("products", [])
         if not isinstance(products, list):
             raise ProtocolError("products", "must be a list of names", products)
@@ -70,11 +73,13 @@ class FrameRequest:
         if output == "compressed" and "roi" in table:
             raise ConfigError("roi", "goes with no output 'compressed': a stream is of the whole frame", table["roi"],
                               "leave it out and cut the decoded frame, or ask for output 'dn'")
-        roi = _region(table["roi"], camera) if "roi" in table else None
+        roi = checked_region(table["roi"], camera) if "roi" in table else None
         deadline_s = checked_deadline(table["deadline_s"]) if "deadline_s" in table else None
+        n_pixels = drawn_pixels(camera)
+        peak = peak_bytes(n_pixels, products) + (0 if compared is None else compared.peak_bytes(n_pixels))
         return cls(path=path, camera=camera, output=output, exposure_s=exposure_s, seed=seed,
                    max_error=table.get("max_error"), samples=table.get("samples"), products=products, roi=roi,
-                   peak_bytes=peak_bytes(drawn_pixels(camera), products), faults=faults, deadline_s=deadline_s)
+                   peak_bytes=peak, faults=faults, deadline_s=deadline_s, compared=compared)
 
     @property
     def is_sent_as_drawn(self) -> bool:
@@ -136,12 +141,3 @@ def _named(path: str) -> Iterator[None]:
             error.path = f"{path}.{error.path}"
         raise
 
-
-def _region(value: object, camera: PinholeCamera) -> tuple[int, int, int, int]:
-    if not isinstance(value, list) or len(value) != 4:
-        raise ConfigError("roi", "must be four integers: x0, y0, x1, y1, one past the last", value)
-    x0, y0, x1, y1 = (integer(f"roi[{k}]", number, 0, limit) for k, (number, limit) in enumerate(
-        zip(value, 2 * (camera.width_px, camera.height_px), strict=True)))
-    if not (x0 < x1 and y0 < y1):
-        raise ConfigError("roi", "must have x0 < x1 and y0 < y1", value)
-    return x0, y0, x1, y1

@@ -15,7 +15,7 @@ MAX_HEADER_BYTES = 1 << 20
 MAX_VALUES = 60_000
 """Entries of all lists and maps of a header together: the 10,000 directions of a `range` have 40,000."""
 MAX_FIELDS = 64
-"""Fields of a header itself: the operation with most has 19."""
+"""Fields of a header itself: the operation with most has 24."""
 MAX_DEPTH = 16
 """Lists and maps of a header inside each other: a scene has 6."""
 

@@ -21,6 +21,7 @@ from glrender import (
     Scene,
     SceneError,
     State,
+    compare_frame,
     draw_still,
     open_renderer,
     take_frame,
@@ -37,6 +38,7 @@ from glrender_camera.validate import known_keys, one_of
 
 from . import codec, pixels
 from .asked_scene import scene_asked
+from .compared import Compared
 from .envelope import ENVELOPE, echo, refusal
 from .frame import FRAME_KEYS, FrameRequest, frames_asked
 from .scene_digest import scene_digest
@@ -203,6 +205,8 @@ class Operations:
                drawing: Mapping[str, Any]
                ) -> tuple[dict[str, Any], dict[str, tuple[np.ndarray, str]], tuple[Advice, ...]]:
         """The reply's fields of one frame, its arrays with their units, and its warnings and notes."""
+        if asked.compared is not None:
+            return self._compared(state, asked, asked.compared, backend, drawing)
         camera, fields, began = asked.camera, {}, time.perf_counter()
         options = {"products": asked.products, "max_error": asked.max_error, "samples": asked.samples, **drawing}
         if asked.deadline_s is not None:
@@ -234,6 +238,21 @@ class Operations:
                 "timings_ms": dict(capture.timings_ms), "stages": capture.stages, "unit": _UNITS[asked.output],
                 "warnings": [*map(asdict, (*own, *self._of_scene))], "notes": [*map(asdict, capture.notes)],
                 **fields, **({"roi": asked.roi} if asked.roi else {})}, arrays, (*own, *capture.notes)
+
+    def _compared(self, state: State, asked: FrameRequest, compared: Compared, backend: str | None,
+                  drawing: Mapping[str, Any]
+                  ) -> tuple[dict[str, Any], dict[str, tuple[np.ndarray, str]], tuple[Advice, ...]]:
+        """The same of a frame that is compared, without an array."""
+        options = {"max_error": asked.max_error, "samples": asked.samples, "roi": asked.roi,
+                   "exposure_s": asked.exposure_s, **compared.options, **drawing}
+        if asked.deadline_s is not None:
+            options["deadline_s"] = asked.deadline_s
+        found = self._drawn(backend, compare_frame, state, asked.camera.name, **options)
+        own = tuple(advice for advice in found.warnings if advice not in self._of_scene)
+        return {"camera": asked.camera.name, "output": "dn", "unit": _UNITS["dn"], "comparison": found.to_dict(),
+                "exposure_s": found.exposure_s, "predicted": found.plan.to_dict()["predicted"],
+                "jacobian_error": dict(found.plan.jacobian_error), "timings_ms": dict(found.timings_ms),
+                "warnings": [*map(asdict, (*own, *self._of_scene))], "notes": []}, {}, own
 
     def _range(self, header: Mapping[str, Any], memory: pixels.Memory | None) -> Answer:
         known_keys("", header, (*ENVELOPE, "scene", *_RANGE_KEYS), required=("state", "directions_camera"))

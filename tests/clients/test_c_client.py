@@ -234,6 +234,37 @@ def test_two_cameras_products_and_a_region_are_pythons_pixels(build, live, tmp_p
     assert (tmp_path / "out").read_bytes() == b"".join(array.tobytes("F") for array in expected)
 
 
+def compared(build, port, tmp_path, frame):
+    """Lines of numbers that the C client prints of a frame that is compared."""
+    (tmp_path / "frame").write_bytes(frame.astype("<u2").tobytes())
+    run = subprocess.run([build(HERE / "compare.c"), "127.0.0.1", str(port), tmp_path / "frame",
+                          *map(str, frame.shape)], capture_output=True, text=True, timeout=60)
+    assert run.returncode == 0 and "Sanitizer" not in run.stderr, run.stderr
+    return [line.split() for line in run.stdout.splitlines()]
+
+
+def test_a_frame_is_compared_as_python_does_it(build, live, tmp_path):
+    frame = np.arange(6, dtype="<u2").reshape(2, 3)
+    reply = serving.Framed.frame(GOLDEN["reply_compared"][0].replace(b"\xa2id\x07", b"\xa2id\x00"))
+    with FakeServer(lambda r: (reply, True)) as fake:
+        lines = compared(build, fake.port, tmp_path, frame)
+    assert fake.requests[0] == {**msgpack.unpackb(GOLDEN["request_compare"][0]), "id": 1,
+                                "client": fake.requests[0]["client"]}
+    assert lines == [["law.normal_albedo", "-1.5", "4", "0.5"], ["gain", "0.25", "0.5", "2"],
+                     ["7.25", "6", "1.03125", "0"]]
+    endpoint, (_, port) = live
+    assert compared(build, port, tmp_path, frame)[0][:3] == ["error", "config:", "compare:"]
+    frame = np.random.default_rng(1).integers(0, 3000, (64, 96))
+    lines = compared(build, port, tmp_path, frame)
+    with Client(endpoint) as client:
+        found = client.render(msgpack.unpackb(GOLDEN["request_render"][0])["state"], "navcam", exposure_s=0.1,
+                              compare=frame.astype(np.uint16), unknown=["gain"], blur_px=1.5, robust=True).comparison
+    assert [line[0] for line in lines[:-1]] == list(found.names) and len(found.names) == 7
+    assert np.array_equal(np.array([line[2:] for line in lines[:-1]], float), found.matrix) and found.matrix.all()
+    assert np.array_equal([float(line[1]) for line in lines[:-1]], found.vector)
+    assert list(map(float, lines[-1])) == [found.chi2, found.n_pixels, found.gain, found.offset_DN]
+
+
 def test_the_facts_of_a_reply_are_pythons(build, live, tmp_path, monkeypatch):
     """Seeds and lateness by frame, warnings with their frame: the second frame looks at a pixel's corner of nothing."""
     endpoint, (_, port) = live

@@ -102,6 +102,17 @@ def test_the_client_reads_the_golden_stream_and_writes_its_request():
     assert header == {**make_golden.REQUESTS["compressed"], "id": 1, "client": header["client"]}
 
 
+def test_the_client_reads_the_golden_comparison_and_writes_its_request():
+    parts, golden = GOLDEN["reply_compared"], make_golden.REQUESTS["compare"]
+    found, told = read_reply(read_header(parts[0]), parts).comparison, make_golden.COMPARED_REPLY["comparison"]
+    assert found.names == ("law.normal_albedo", "gain") and (found.chi2, found.gain) == (7.25, 1.03125)
+    assert found.matrix.tolist() == told["matrix"] and found.vector.tolist() == told["vector"]
+    header = msgpack.unpackb(Packer()("render", render_fields(
+        golden["state"], "navcam", exposure_s=0.1, order="F", derivatives=["spacecraft"], unknown=["gain"], robust=True,
+        blur_px=1.5, compare=np.arange(6, dtype=np.uint16).reshape(2, 3)))[1])
+    assert header == {**golden, "id": 1, "client": header["client"]}
+
+
 def test_the_client_reads_the_golden_warnings():
     parts = GOLDEN["reply_warned"]
     reply = read_reply(read_header(parts[0]), parts)

@@ -25,6 +25,10 @@ REQUESTS = {
                "exposure_s": 0.1, "seed": 7, "products": ["range"], "order": "F"},
     "compressed": {**ENVELOPE, "op": "render", "state": STATE, "camera": "navcam", "output": "compressed",
                    "exposure_s": 0.1, "seed": 7, "order": "F"},
+    "compare": {**ENVELOPE, "op": "render", "state": STATE, "camera": "navcam", "exposure_s": 0.1,
+                "derivatives": ["spacecraft"], "unknown": ["gain"], "order": "F",
+                "compare": {"pixels": np.arange(6, dtype="<u2").tobytes(), "dtype": "uint16", "shape": [2, 3],
+                            "blur_px": 1.5, "robust": True}},
     "refused": {**ENVELOPE, "op": "render", "state": {**STATE, "gamma": 2.2}},
 }
 IMAGE = np.arange(6, dtype=np.uint16).reshape(2, 3) * 1000
@@ -48,6 +52,9 @@ STREAM = bytes.fromhex(
     "dc1f41f400ffd9")
 COMPRESSED_REPLY = {**REPLY, "output": "compressed", "unit": "byte", "codec": "jpeg_ls", "shape": [2, 3],
                     "bit_depth": 16}
+COMPARED_REPLY = {**ENVELOPE, "op": "render", "ok": True, "t_s": 12.5, "camera": "navcam", "comparison": {
+    "names": ["law.normal_albedo", "gain"], "units": ["1", "1"], "matrix": [[4.0, 0.5], [0.5, 2.0]],
+    "vector": [-1.5, 0.25], "chi2": 7.25, "n_pixels": 6, "gain": 1.03125, "offset_DN": 0.0}}
 PLACE = {"name": "glrender-slot-golden", "number": 300, "offsets": [64, 128], "sizes": [12, 48]}
 """Places of the parts of `reply_shared`: in `slot_shared`, the file's bytes."""
 
@@ -64,6 +71,7 @@ def golden() -> dict[str, list[str]]:
     messages["reply_region"] = pixels.pack(REGION_REPLY, {"image": (REGION, "W/m2")})
     messages["reply_compressed"] = pixels.pack(
         COMPRESSED_REPLY, {"image": (np.frombuffer(STREAM, np.uint8), "byte")}, "F")
+    messages["reply_compared"] = pixels.pack(COMPARED_REPLY, {})
     messages["reply_warned"] = pixels.pack(WARNED_REPLY, {"image": (REGION, "W/m2")})
     header, image, distances = messages["reply_frame_F"]
     messages["reply_shared"] = [codec.with_field(header, "shared", PLACE)]

@@ -11,7 +11,7 @@ from .aio import AsyncClient
 from .client import Client
 from .errors import Busy, GlrenderClientError, RequestTimeout, ServerError
 from .recording import Difference, Exchange, read_recording, replay
-from .wire import FrameWarning, Reply, Watched
+from .wire import Comparison, FrameWarning, Reply, Watched
 
-__all__ = ["AsyncClient", "Busy", "Client", "Difference", "Exchange", "FrameWarning", "GlrenderClientError", "Reply",
-           "RequestTimeout", "ServerError", "Watched", "read_recording", "replay"]
+__all__ = ["AsyncClient", "Busy", "Client", "Comparison", "Difference", "Exchange", "FrameWarning",
+           "GlrenderClientError", "Reply", "RequestTimeout", "ServerError", "Watched", "read_recording", "replay"]

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import zmq
 
 from .connection import MAX_POLL_MS, connected, positive_s
@@ -139,8 +140,10 @@ class Client:
                max_error: float | Mapping[str, float] | None = None, samples: int | None = None,
                products: Sequence[str] = (), roi: Sequence[int] | None = None, order: str = "C",
                backend: str | None = None, background: bool = False,
-               faults: Sequence[Mapping[str, Any]] | None = None, deadline_s: float | None = None) -> Reply:
-        """Ask for one frame.
+               faults: Sequence[Mapping[str, Any]] | None = None, deadline_s: float | None = None,
+               compare: np.ndarray | None = None, derivatives: Sequence[str] | None = None,
+               unknown: Sequence[str] | None = None, blur_px: float = 0.0, robust: bool = False) -> Reply:
+        """Ask for one frame, or how a frame differs from it.
 
         Parameters
         ----------
@@ -177,6 +180,17 @@ class Client:
         deadline_s : float [s], optional
             After this time nothing more of the frame is begun: it is the best so far, and its predicted error holds.
             The reply's `is_late` says whether the frame took longer; the same request may give other bytes.
+        compare : (height, width) uint8, uint16, float32 or float64 array [DN], optional
+            A frame of the camera, or its region `roi`, of 1 MB at most. It is compared with the mean digital numbers
+            of this state and `exposure_s`, and no image is sent: the reply's `comparison` has the normal equations.
+        derivatives : sequence of str, optional
+            With `compare`: the parameters of the fit (docs/derivatives.md); ``spacecraft`` by default.
+        unknown : sequence of str, optional
+            With `compare`: out of ``gain`` and ``offset``; both by default.
+        blur_px : float [px]
+            With `compare`: deviation of a Gaussian by which both frames are blurred, to find the state from farther.
+        robust : bool
+            With `compare`: whether pixels that differ by much more than most weigh less.
 
         Raises
         ------
@@ -187,7 +201,8 @@ class Client:
         return self._ask_frames(render_fields(
             state, camera, output=output, exposure_s=exposure_s, seed=seed, max_error=max_error, samples=samples,
             products=products, roi=roi, order=order, backend=backend, background=background, faults=faults,
-            deadline_s=deadline_s))
+            deadline_s=deadline_s, compare=compare, derivatives=derivatives, unknown=unknown, blur_px=blur_px,
+            robust=robust))
 
     def watch(self, after: int = 0, *, of_client: str | None = None, camera: str | None = None,
               password: str = "") -> Watched:

@@ -16,6 +16,8 @@ from .notebook import png
 
 PROTOCOL_VERSION = 1
 _OF_A_SCENE = ("render", "range")
+MAX_COMPARE_BYTES = 1_000_000
+"""Pixels of a frame that is compared [byte]: a request's header may have 1 MiB, with its state."""
 # Outputs with noise, which a seed belongs to.
 _NOISY = ("dn", "compressed")
 
@@ -29,6 +31,25 @@ class FrameWarning(NamedTuple):
 
     def __str__(self) -> str:
         return self.message
+
+
+class Comparison(NamedTuple):
+    """A frame against the predicted one: the normal equations of the fit of K parameters.
+
+    ``numpy.linalg.solve(matrix, vector)`` is the step that best explains the frame; a parameter that is known is left
+    out with its row and column. `names` and `units` are the parameters' and those of ``gain`` and ``offset``, `matrix`
+    is J^T W J (K, K), `vector` J^T W r (K,), `chi2` r^T W r over `n_pixels` that count, all with the best `gain` and
+    `offset_DN` at the state that was sent.
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    matrix: np.ndarray
+    vector: np.ndarray
+    chi2: float
+    n_pixels: int
+    gain: float
+    offset_DN: float
 
 
 class HasDict(Protocol):
@@ -61,6 +82,14 @@ class Reply:
     def pixels(self) -> np.ndarray:
         """The image, (height, width), row 0 on top; of output "compressed" the stream, (N) uint8."""
         return self.arrays["image"]
+
+    @property
+    def comparison(self) -> Comparison:
+        """The answer to `compare`."""
+        told = self.header["comparison"]
+        # Fields that a newer server adds are passed over.
+        return Comparison(tuple(told["names"]), tuple(told["units"]), np.array(told["matrix"], float),
+                          np.array(told["vector"], float), *(told[name] for name in Comparison._fields[4:]))
 
     @property
     def warnings(self) -> tuple[FrameWarning, ...]:
@@ -149,13 +178,30 @@ class Packer:
 def frame_fields(camera: str | None = None, *, output: str = "irradiance", exposure_s: float | str | None = None,
                  seed: int | None = None, max_error: float | Mapping[str, float] | None = None,
                  samples: int | None = None, products: Sequence[str] = (), roi: Sequence[int] | None = None,
-                 faults: Sequence[Mapping[str, Any]] | None = None,
-                 deadline_s: float | None = None) -> dict[str, Any]:
+                 faults: Sequence[Mapping[str, Any]] | None = None, deadline_s: float | None = None,
+                 compare: np.ndarray | None = None, derivatives: Sequence[str] | None = None,
+                 unknown: Sequence[str] | None = None, blur_px: float = 0.0, robust: bool = False) -> dict[str, Any]:
     """The fields of one frame; the arguments are those of `Client.render`."""
     optional = {"camera": camera, "exposure_s": exposure_s, "seed": seed, "max_error": max_error, "samples": samples,
                 "products": list(products) or None, "roi": None if roi is None else list(roi),
-                "faults": None if faults is None else list(faults), "deadline_s": deadline_s}
-    return {"output": output, **{name: value for name, value in optional.items() if value is not None}}
+                "faults": None if faults is None else list(faults), "deadline_s": deadline_s,
+                "derivatives": None if derivatives is None else list(derivatives),
+                "unknown": None if unknown is None else list(unknown)}
+    given = {name: value for name, value in optional.items() if value is not None}
+    if compare is None:
+        return {"output": output, **given}
+    return {**given, "compare": {**_packed(compare), **({"blur_px": blur_px} if blur_px else {}),
+                                 **({"robust": True} if robust else {})}}
+
+
+def _packed(frame: np.ndarray) -> dict[str, Any]:
+    """A frame as `compare` has it."""
+    frame = np.asarray(frame)
+    if frame.nbytes > MAX_COMPARE_BYTES:
+        raise ValueError(f"compare must have at most {MAX_COMPARE_BYTES} bytes, got {frame.nbytes}: give a region of "
+                         "the frame, and roi, where it is; or the camera's uint8 or uint16")
+    return {"pixels": frame.astype(frame.dtype.newbyteorder("<"), copy=False).tobytes(), "dtype": frame.dtype.name,
+            "shape": list(frame.shape)}
 
 
 def render_fields(state: Mapping[str, Any] | HasDict, camera: str | None = None, *, order: str = "C",

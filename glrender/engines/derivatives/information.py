@@ -65,7 +65,7 @@ class Information:
                               'give one, as CameraModel.from_dict({"preset": "generic_navigation_camera"})')
         chosen, warnings = _chosen(jacobian, components), ()
         sensor = Readout.of(model, camera, image.irradiance_W_m2, exposure_s)
-        fit = Fit.of(sensor, jacobian, chosen, _checked_unknown(unknown))
+        fit = Fit.of(sensor, jacobian, chosen, checked_unknown(unknown))
         names = tuple(f"{name}[{k}]" if len(jacobian[name]) > 1 else name for name, k in chosen)
         if (psf_px := psf_width_px(model)) < _LEAST_PSF_PX:
             warnings = (f"the point spread function is {psf_px:.2g} px wide, and the image bends within a pixel: below "
@@ -232,7 +232,7 @@ def _chosen(jacobian: Jacobian, components: Mapping[str, Sequence[int]] | None) 
     return chosen
 
 
-def _checked_unknown(unknown: Iterable[str]) -> tuple[str, ...]:
+def checked_unknown(unknown: Iterable[str]) -> tuple[str, ...]:
     if not isinstance(unknown, Iterable):
         raise ConfigError("unknown", f"must be names of {', '.join(UNKNOWN)}", unknown, "() for none")
     names = (unknown,) if isinstance(unknown, str) else tuple(unknown)

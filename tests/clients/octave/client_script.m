@@ -38,6 +38,18 @@ reply = client.render(state, 'camera', 'byte', 'output', 'dn', 'faults', {struct
 lines = double(reply.header.faults{1}.lines);
 check(numel(lines) == 3 && ~any(any(reply.pixels(lines + 1, :))), 'faults');
 
+pixels = client.render(state, 'camera', 'byte', 'output', 'dn', 'seed', 3, 'exposure_s', 2e-7).pixels;
+c = client.render(state, 'camera', 'byte', 'exposure_s', 2e-7, 'compare', pixels, 'unknown', 'gain').header.comparison;
+step = vertcat(c.matrix{:}) \ c.vector.';
+check(numel(c.names) == 7 && strcmp(c.names{7}, 'gain') && abs(c.gain - 1) < 0.1 && norm(step(1:2)) < 20, 'compare');
+found = '';
+try
+  client.render(state, 'camera', 'byte', 'compare', int32(pixels));
+catch problem
+  found = problem.identifier;
+end
+check(strcmp(found, 'glrender:argument'), 'a class that is no frame');
+
 % The same frames over the socket, and out of shared memory that is not there.
 check(client.SharedMemory && ~isfield(reply.header, 'shared'), 'a small frame comes in the message');
 sent = GlRenderClient(host, port, 'Timeout', 30, 'SharedMemory', false);

@@ -1,0 +1,156 @@
+"""A frame against the predicted one: its chi-square's own slopes, steps that find a state, and the bound of noise."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import views
+from glrender import Body, Renderer, compare_frame, generate, take_frame
+from glrender.base.errors import ConfigError
+from glrender.brdf import Lambert
+from glrender.view.state import Pose
+from glrender_camera import CameraModel, Detector, Optics
+from moved_states import moved as moved_both
+from scipy.ndimage import gaussian_filter
+
+# Read-out noise is nearly all: weights stay as they are where the state moves.
+READ = Detector(quantum_efficiency=0.6, full_well_electrons=5e4, gain_DN_per_electron=0.08, bit_depth=12,
+                offset_DN=60.0, read_noise_electrons=3000.0, dark_current_electrons_per_s=50.0)
+NOISY = replace(READ, read_noise_electrons=20.0)
+BODY = Body(name="body", brdf=Lambert(normal_albedo=0.3), shape=generate.icosphere(radius_m=100.0, subdivisions=3))
+STATE = views.state(phase_deg=60.0, range_m=2000.0)
+
+
+def moved(state, name, k, step):
+    return moved_both(state, camera(), name, k, step)[0]
+
+
+def camera(detector=NOISY, size_px=40):
+    return views.camera(size_px, 250.0, model=CameraModel(
+        optics=Optics(aperture_diameter_m=0.02, psf_sigma_px=0.8, transmission=7e-6), detector=detector,
+        exposure_s=0.004))
+
+
+@pytest.fixture(scope="module")
+def renderer():
+    with Renderer(views.scene([BODY], [camera()], sun_disc=False, max_error=0.005)) as renderer:
+        yield renderer
+
+
+def mean_frame(renderer, state, factor=1.0, level=0.0):
+    """Numbers that are no whole ones: many frames' mean."""
+    detector = renderer.scene.cameras[0].model.detector
+    quiet = replace(detector, full_well_electrons=1e14, gain_DN_per_electron=1e-9, bit_depth=16,
+                    dark_current_electrons_per_s=0.0, read_noise_electrons=0.0, offset_DN=0.0)
+    pinhole = camera(quiet)
+    light = pinhole.expose(renderer.render(state).irradiance_W_m2 * np.float32(1e8), 1).electrons.astype(float) * 1e-8
+    dark = detector.dark_current_electrons_per_s * 0.004
+    return 60.0 + level + 0.08 * (factor * light + dark)
+
+
+def test_the_vector_is_the_slope_of_chi_square():
+    with Renderer(views.scene([BODY], [camera(READ)], sun_disc=False, max_error=0.005)) as renderer:
+        frame = mean_frame(renderer, moved(STATE, "spacecraft", 0, 3.0))
+        ask = lambda state: compare_frame(renderer, state, frame_DN=frame, unknown=())  # noqa: E731
+        here = ask(STATE)
+        assert here.names == tuple(f"spacecraft[{k}]" for k in range(6))
+        assert here.units == ("m", "m", "m", "rad", "rad", "rad") and (here.gain, here.offset_DN) == (1.0, 0.0)
+        for k, step in ((0, 0.5), (1, 0.5), (2, 10.0), (4, 2.5e-4)):
+            ends = [ask(moved(STATE, "spacecraft", k, sign * step)).chi2 for sign in (1.0, -1.0)]
+            slope = -(ends[0] - ends[1]) / (4.0 * step)
+            scale = np.sqrt(here.chi2 * here.matrix[k, k])
+            assert abs(here.vector[k] - slope) < 0.01 * scale, (k, here.vector[k], slope, scale)
+
+
+def test_steps_find_the_state_the_gain_and_the_level(renderer):
+    frame, state = mean_frame(renderer, moved(STATE, "spacecraft", 0, 6.0), factor=1.3, level=7.0), STATE
+    for _ in range(4):
+        found = compare_frame(renderer, state, frame_DN=frame)
+        keep = [0, 1, 2, 6, 7]
+        step = np.linalg.solve(found.matrix[np.ix_(keep, keep)], found.vector[keep])
+        for k in range(3):
+            state = moved(state, "spacecraft", k, step[k])
+    assert found.names[6:] == ("gain", "offset") and found.units[6:] == ("1", "DN")
+    np.testing.assert_allclose([found.gain, found.offset_DN], [1.3, 7.0], rtol=1e-3)
+    expected = moved(STATE, "spacecraft", 0, 6.0).spacecraft.r_inertial_m
+    np.testing.assert_allclose(state.spacecraft.r_inertial_m, expected, atol=0.05)
+    assert found.chi2 / found.n_pixels < 1e-3
+
+
+def test_it_knows_as_much_as_the_information_and_fits_as_well_as_noise_lets(renderer):
+    frame = take_frame(renderer, STATE, seed=5, derivatives=["sun"]).frame.dn  # drawn as what it is compared with
+    found = compare_frame(renderer, STATE, frame_DN=frame, derivatives=["spacecraft", "law.normal_albedo"],
+                          unknown=["offset"])
+    known = renderer.render(STATE, derivatives=["spacecraft", "law.normal_albedo"]).information(unknown=("offset",))
+    k = len(found.names) - 1
+    left = found.matrix[:k, :k] - np.outer(found.matrix[:k, k], found.matrix[k, :k]) / found.matrix[k, k]
+    scale = np.sqrt(np.diag(known.matrix))
+    np.testing.assert_allclose(left / np.outer(scale, scale), known.matrix / np.outer(scale, scale), atol=2e-3)
+    assert abs(found.chi2 / found.n_pixels - 1.0) < 4.0 * np.sqrt(2.0 / found.n_pixels)
+    assert found.n_pixels == 40 * 40
+
+
+def test_a_part_of_the_frame_is_compared_as_the_whole_is_there(renderer):
+    frame, (x0, y0, x1, y1) = take_frame(renderer, STATE, seed=5).frame.dn, (5, 8, 31, 38)
+    part = compare_frame(renderer, STATE, frame_DN=frame[y0:y1, x0:x1], roi=(x0, y0, x1, y1), unknown=())
+    full = frame.copy()
+    full[:y0], full[y1:], full[:, :x0], full[:, x1:] = 4095, 4095, 4095, 4095
+    whole = compare_frame(renderer, STATE, frame_DN=full, unknown=())
+    assert part.n_pixels == whole.n_pixels == (x1 - x0) * (y1 - y0)  # full pixels do not count
+    np.testing.assert_allclose(part.matrix, whole.matrix, rtol=1e-12)
+    np.testing.assert_allclose(part.chi2, whole.chi2, rtol=1e-12)
+
+
+def test_pixels_that_no_model_explains_pull_less_where_it_is_robust(renderer):
+    frame = take_frame(renderer, STATE, seed=5).frame.dn.astype(float)
+    frame[12:16, 20:24] += 800.0
+    steps = []
+    for is_robust in (False, True):
+        found = compare_frame(renderer, STATE, frame_DN=frame, is_robust=is_robust)
+        keep = [0, 1, 2, 6, 7]
+        inverse = np.linalg.inv(found.matrix[np.ix_(keep, keep)])
+        steps.append(np.hypot(*(inverse @ found.vector[keep])[:2]))
+    assert steps[1] < 0.2 * steps[0]
+
+
+def test_blurred_pixels_weigh_alike(renderer):
+    """The derivatives of the digital numbers, blurred by SciPy."""
+    taken = take_frame(renderer, STATE, seed=5, derivatives=["spacecraft"])
+    found = compare_frame(renderer, STATE, frame_DN=taken.frame.dn, blur_px=2.0, unknown=())
+    blurred = [gaussian_filter(each.astype(float), 2.0, mode="mirror").ravel() for each in taken.jacobian["spacecraft"]]
+    expected = np.array(blurred) @ np.array(blurred).T
+    scale = np.sqrt(np.diag(expected))
+    matrix = found.matrix * (expected[0, 0] / found.matrix[0, 0])
+    np.testing.assert_allclose(matrix / np.outer(scale, scale), expected / np.outer(scale, scale), atol=2e-3)
+
+
+def test_in_the_dark_nothing_is_known(renderer):
+    away = moved(STATE, "spacecraft", 3, 2.0)
+    found = compare_frame(renderer, away, frame_DN=take_frame(renderer, STATE).frame.dn)
+    assert not found.matrix[:7].any() and found.gain == 1.0 and found.warnings
+
+
+@pytest.mark.parametrize(("options", "path", "text"), [
+    ({"frame_DN": np.zeros((40, 39))}, "compare", r"shape \(40, 40\).*roi"),
+    ({"frame_DN": np.zeros((40, 40), np.int64)}, "compare", "uint16.*int64"),
+    ({"frame_DN": np.full((40, 40), np.nan)}, "compare", "finite.*1600 pixels.*full pixels"),
+    ({"derivatives": ["spacecaft"]}, "derivatives[0]", "spacecraft"),
+    ({"unknown": ["gian"]}, "unknown[0]", "gain"),
+    ({"blur_px": -1.0}, "blur_px", "between 0 and 64"),
+    ({"roi": (0, 0, 50, 40)}, "roi[2]", "40"),
+    ({"exposure_s": "auto", "unknown": ()}, "exposure_s", "gain"),
+    ({"engine": "rays"}, "engine", "coverage")])
+def test_a_wrong_request_is_refused_by_its_field(renderer, options, path, text):
+    with pytest.raises(ConfigError, match=text) as caught:
+        compare_frame(renderer, STATE, **{"frame_DN": np.zeros((40, 40), np.uint16), **options})
+    assert caught.value.path == path
+
+
+def test_a_state_that_moves_is_refused(renderer):
+    craft = STATE.spacecraft
+    moving = replace(STATE, spacecraft=Pose(r_inertial_m=craft.r_inertial_m, q_from_inertial=craft.q_from_inertial,
+                                            v_inertial_m_s=[1.0, 0.0, 0.0]))
+    with pytest.raises(ConfigError, match="stands still"):
+        compare_frame(renderer, moving, frame_DN=np.zeros((40, 40), np.uint16))
