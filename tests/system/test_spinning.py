@@ -75,4 +75,4 @@ def test_no_thread_works_on_after_large_shapes():
                                        heights=np.zeros((tables.n_facets, 16), np.uint8))
     seen = view_bodies(views.state(phase_deg=50.0, range_m=5000.0), camera, scene.hulls)
     cells = ImageCells(camera, camera.bounds_px, (64, 64))
-    assert spun_s(lambda: CentroidVisibility(tables, seen[0], cells, rays, BrdfTables(), 0.1)) < 0.02
+    assert spun_s(lambda: CentroidVisibility(tables, seen[0], cells, rays, BrdfTables())) < 0.02

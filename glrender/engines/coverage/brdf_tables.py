@@ -123,8 +123,8 @@ def _errors_of(surface: Surface, root: float, table: np.ndarray, first: float, s
         facets = np.zeros((n, 6), np.float32)
         facets[:, :3] = normal
         found, asked, is_asked = np.empty(n), np.empty(n, np.intp), np.empty((2, n), bool)
-        shade_centroids(facets, np.zeros((n, N_AZIMUTHS), np.uint8), 0, n, to_sun, to_camera, table, first, 1.0 / step,
-                        False, found, asked, is_asked)
+        shade_centroids(facets, np.zeros((n, N_AZIMUTHS), np.uint8), 0, n, 1, to_sun, to_camera, table, first,
+                        1.0 / step, False, found, asked, is_asked)
         truth = incidence[faces] * surface.brdf(to_sun[None], to_camera[None], normal, np.ones(n))
         light = float((weight * truth).sum())
         if light > 0.0:

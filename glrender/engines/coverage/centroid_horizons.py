@@ -19,9 +19,6 @@ from .sub_triangles import FACETS_AT_ONCE
 MOST_HORIZONS = 150_000
 """Facets up to which horizons are made: 30 us a facet, once; larger shapes cast a ray from every centroid."""
 
-# Facets in a row that are looked at where others are left out: most have their neighbours there.
-_RUN = 64
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CentroidHorizons:
@@ -62,8 +59,8 @@ class CentroidHorizons:
                                lambda: heights_around(middle_m, normal, solid, N_AZIMUTHS, UNKNOWN))
         return cls(facets=facets, heights=heights, has_backs=solid.has_backs)
 
-    def shade(self, to_sun: np.ndarray, r_camera_m: np.ndarray, brdf: np.ndarray, first_root: float,
-              root_step: float, one_in: int = 1) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def shade(self, to_sun: np.ndarray, r_camera_m: np.ndarray, table: tuple[np.ndarray, float, float], one_in: int = 1
+              ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Radiance (F,) of the facets, in the BRDF's unit: 0 of those that are dark or not seen, NaN if left out.
 
         Parameters
@@ -71,10 +68,10 @@ class CentroidHorizons:
         to_sun : (3,) float64
             Unit vector.
         r_camera_m : (3,) float64 [m]
-        brdf, first_root, root_step
-            As `BrdfTables.of` has them.
+        table : tuple
+            Of the BRDF, as `BrdfTables.of` has it.
         one_in : int
-            One facet in so many is shaded, in runs of neighbours; the others are left out.
+            One facet in so many is shaded, as many in a row; the others are left out.
 
         Returns
         -------
@@ -84,18 +81,13 @@ class CentroidHorizons:
         is_asked : (2, N) bool
             Whether of their being seen, and of their being lit.
         """
-        n_facets = len(self.facets)
+        n_facets, (brdf, first_root, root_step) = len(self.facets), table
         found, asked, is_asked = np.full(n_facets, np.nan), np.empty(n_facets, np.intp), np.empty((2, n_facets), bool)
 
-        run = FACETS_AT_ONCE if one_in == 1 else _RUN
-
         def look(part: slice) -> np.ndarray:
-            places = []
-            for first in range(part.start, part.stop, run * one_in):
-                n = shade_centroids(self.facets, self.heights, first, min(first + run, part.stop), to_sun, r_camera_m,
-                                    brdf, first_root, 1.0 / root_step, self.has_backs, found, asked, is_asked)
-                places.append(np.arange(first, first + n))
-            return np.concatenate(places)
+            n = shade_centroids(self.facets, self.heights, part.start, part.stop, one_in, to_sun, r_camera_m,
+                                brdf, first_root, 1.0 / root_step, self.has_backs, found, asked, is_asked)
+            return np.arange(part.start, part.start + n)
 
         places = np.concatenate(threads.run_in_parts(look, n_facets, FACETS_AT_ONCE))
         return found, asked[places], is_asked[:, places]

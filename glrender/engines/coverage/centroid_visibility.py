@@ -10,10 +10,12 @@ import math
 import numpy as np
 
 from ...planner.error_budget import FLUX_SHARE
+from ...planner.error_model import FEWEST_CENTROIDS
 from ...view.view import BodyView
 from ..rays.engine import RayEngine
 from . import facet_loops, outlines
 from .brdf_tables import BrdfTables
+from .centroid_horizons import MOST_HORIZONS
 from .facet_tables import FacetTables
 from .image_cells import ImageCells
 from .sub_triangles import projected
@@ -42,6 +44,15 @@ def centroid_error(boundary: np.ndarray, flux_share: float, one_in: int) -> Cove
     return CoverageError(max(pixels, flux / flux_share), max(pixels, flux / FLUX_SHARE))
 
 
+def first_looks(n_facets: int) -> tuple[int, ...]:
+    """The shares, one facet in so many, that are looked at in turn: where each costs rays, few show if all will do.
+
+    They are as many as centroids need, of the smallest such shape, and as many rows of a larger one.
+    """
+    few = MOST_HORIZONS // FEWEST_CENTROIDS * math.isqrt(n_facets // MOST_HORIZONS)
+    return (few, 1) if few else (1,)
+
+
 class CentroidVisibility:
     """The facets of one body that a frame shows, each all lit or all dark.
 
@@ -55,32 +66,30 @@ class CentroidVisibility:
         Beyond whose edges no ray is cast.
     rays : RayEngine
     brdf_tables : BrdfTables
-    flux_share : float [1]
-        Tolerance of the total light over that of the RMS error.
     one_in : int
         One facet in so many is looked at: enough for the error, if not for an image.
-
-    Attributes
-    ----------
-    error : CoverageError
     """
 
     def __init__(self, facets: FacetTables, view: BodyView, cells: ImageCells, rays: RayEngine,
-                 brdf_tables: BrdfTables, flux_share: float, one_in: int = 1):
+                 brdf_tables: BrdfTables, one_in: int = 1):
         self._facets, self._view, self._bounds_px = facets, view, cells.bounds_px
         self._xy = projected(facets.vertices_m, view, cells.camera)
         self._radiance = self._shaded(rays, brdf_tables, one_in)
-        every = _SAMPLED if one_in == 1 else 1
-        self.error = centroid_error(facet_loops.lit_edges(
-            facets.horizons.facets, self._radiance, facets.neighbours, facets.corners, self._xy, cells.bounds_px,
-            every, view.sun_direction_body, view.r_camera_body_m), flux_share, every * one_in)
+        self._one_in = one_in
+
+    def error(self, flux_share: float) -> CoverageError:
+        """The estimated error; the share is the tolerance of the total light over that of the RMS error [1]."""
+        facets, view, every = self._facets, self._view, _SAMPLED if self._one_in == 1 else 1
+        return centroid_error(facet_loops.lit_edges(
+            facets.horizons.facets, self._radiance, facets.neighbours, facets.corners, self._xy, self._bounds_px,
+            every, view.sun_direction_body, view.r_camera_body_m), flux_share, every * self._one_in)
 
     def _shaded(self, rays: RayEngine, brdf_tables: BrdfTables, one_in: int) -> np.ndarray:
         """Radiance (F,) in 1/sr of the Sun's irradiance at 1 au: 0 of facets that are dark, or not seen."""
         facets, view = self._facets, self._view
         radiance, asked, (is_seen, is_lit) = facets.horizons.shade(
             view.sun_direction_body, view.r_camera_body_m,
-            *brdf_tables.of(facets.surface, view, facets.solid.radius_m, view.sun_distance_au**-2), one_in)
+            brdf_tables.of(facets.surface, view, facets.solid.radius_m, view.sun_distance_au**-2), one_in)
         xy = self._xy.take(facets.corners.take(asked, axis=1), axis=1)
         is_shown = (xy.max(axis=1) > self._bounds_px[:2, None]) & (xy.min(axis=1) < self._bounds_px[2:, None])
         shown = np.flatnonzero(is_shown.all(axis=0))

@@ -25,8 +25,7 @@ from ..rays.mesh import dot
 from . import accumulate, outlines
 from .boundary_refinement import find_areas
 from .brdf_tables import BrdfTables
-from .centroid_horizons import MOST_HORIZONS
-from .centroid_visibility import CentroidVisibility
+from .centroid_visibility import CentroidVisibility, first_looks
 from .corner_visibility import look
 from .coverage_image import CoverageImage, LookedAt, overlapping, squared_errors
 from .facet_tables import FacetTables
@@ -40,8 +39,6 @@ from .sunlit_error import NOTHING_DRAWN, CoverageError, ErrorScale
 _EXCESS = 0.5
 # Mean width [px] of penumbras that reach beyond the facets in which their edges are: rays draw all of the image.
 _WIDE_PX = 3.0
-# One facet in so many is looked at first where each costs two rays [1]: an error that misses the tolerance costs less.
-_FEW_OF_MANY = 16
 # Cells that a facet covers, below which it is far smaller than one.
 _FINE = 0.15
 
@@ -122,14 +119,15 @@ class CoverageEngine:
         rms, flux = self._brdf_tables.errors(facets.surface, view, facets.solid.radius_m)
         if rms > CELL_SHARE * budget.tolerance or flux > max(CELL_SHARE * budget.flux, CENTROIDS_LEAST):
             return CoverageImage.dark(cells, NOTHING_DRAWN)
-        for one_in in (_FEW_OF_MANY, 1) if facets.n_facets > MOST_HORIZONS else (1,):
-            body = CentroidVisibility(facets, view, cells, self._rays, self._brdf_tables, budget.flux_share, one_in)
-            if body.error.judged > budget.tolerance:
+        for one_in in first_looks(facets.n_facets):
+            body = CentroidVisibility(facets, view, cells, self._rays, self._brdf_tables, one_in)
+            error = body.error(budget.flux_share)
+            if error.judged > budget.tolerance:
                 return CoverageImage.dark(cells, NOTHING_DRAWN)
         changes = accumulate.no_changes(cells.shape)
         body.add_to(changes, cells)
         means, *_ = cells.light(changes, self._scene.solar_irradiance_of(cells.camera))
-        return CoverageImage(means=means, error=body.error)
+        return CoverageImage(means=means, error=error)
 
     def may_be_lit(self, names: Sequence[str], views: list[BodyView], cells: ImageCells) -> np.ndarray | None:
         """Cells (rows, columns) uint8 that a facet touches which faces the camera and any of the Sun's disc.

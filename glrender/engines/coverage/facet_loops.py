@@ -58,17 +58,23 @@ def lit_edges(facets, radiance, neighbours, corners, xy, bounds, every, to_sun, 
         area = 0.5 * abs((xy[0, b] - xy[0, a]) * (xy[1, c] - xy[1, a]) - (xy[0, c] - xy[0, a]) * (xy[1, b] - xy[1, a]))
         found[0] += area
         found[1] += area * here
+        n_known, is_boundary = 3, False
         for side in range(3):
             across = neighbours[side, facet]
-            if across < 0 or not radiance[across] <= 0.0:
+            if across < 0 or radiance[across] > 0.0:
+                continue
+            if math.isnan(radiance[across]):
+                n_known -= 1
                 continue
             x, y, z = float(facets[across, 0]), float(facets[across, 1]), float(facets[across, 2])
             if (x * to_sun[0] + y * to_sun[1] + z * to_sun[2] > 0.0
                     and x * (r_camera_m[0] - facets[across, 3]) + y * (r_camera_m[1] - facets[across, 4])
                     + z * (r_camera_m[2] - facets[across, 5]) > 0.0):
-                found[2] += area * here**2
-                found[3] += (area * here) ** 2
-                break
+                is_boundary = True
+        if is_boundary:
+            # Where one side is dark it is as likely to be one of those that are not known.
+            found[2] += 3 / n_known * area * here**2
+            found[3] += 3 / n_known * (area * here) ** 2
     return found
 
 

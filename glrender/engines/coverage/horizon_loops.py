@@ -122,11 +122,13 @@ def _radiance(incidence, emission, squared, brdf, least_root, per_root):
         min(math.sqrt(emission * emission + aside * aside), 1.0) * (brdf.shape[2] - 1))
 
 
-@compiled(intp(read(float32, 2), read(uint8, 2), intp, intp, VECTOR, VECTOR, read(float64, 3), float64, float64,
+@compiled(intp(read(float32, 2), read(uint8, 2), intp, intp, intp, VECTOR, VECTOR, read(float64, 3), float64, float64,
                boolean, write(float64, 1), write(intp, 1), write(boolean, 2)))
-def shade_centroids(facets, heights, first, last, to_sun, r_camera_m, brdf, least_root, per_root, has_backs, found,
-                    asked, is_asked):
+def shade_centroids(facets, heights, first, last, one_in, to_sun, r_camera_m, brdf, least_root, per_root, has_backs,
+                    found, asked, is_asked):
     """Write the radiance of facets first to last, each lit or dark by its centroid: 0 if dark or not seen.
+
+    Only one in so many is shaded, as many in a row, of which most have their neighbours there.
 
     Facets (F, 6) float32 have normals and centroids [m], and heights (F, sectors) of the horizon. Their BRDF times the
     sum of the cosines of incidence and emission, which is smooth at the limb, is in a table (C, 2 S + 1, S + 1):
@@ -141,10 +143,11 @@ def shade_centroids(facets, heights, first, last, to_sun, r_camera_m, brdf, leas
     """
     left, how, light = np.empty(last - first, np.intp), np.empty(last - first, np.intp), np.empty((last - first, 3))
     n_facing, n_shown, n_asked = 0, 0, 0
-    for facet in range(first, last):
-        found[facet] = 0.0
-        left[n_facing] = facet
-        n_facing += _faces(facets, facet, to_sun, r_camera_m)
+    for begin in range(first, last, one_in * one_in):
+        for facet in range(begin, min(begin + one_in, last)):
+            found[facet] = 0.0
+            left[n_facing] = facet
+            n_facing += _faces(facets, facet, to_sun, r_camera_m)
     for i in range(n_facing):
         facet = left[i]
         camera, sun, squared = _look(facets, facet, to_sun, r_camera_m)

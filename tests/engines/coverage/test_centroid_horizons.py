@@ -69,7 +69,7 @@ def images(body, phase_deg):
         tables.horizons = CentroidHorizons(facets=tables.horizons.facets, heights=known)
         changes, (image, cover) = no_changes((128, 128)), np.empty((2, 128, 128))
         cells = ImageCells(camera, camera.bounds_px, (128, 128))
-        CentroidVisibility(tables, view, cells, rays, BrdfTables(), 0.1).add_to(changes, cells)
+        CentroidVisibility(tables, view, cells, rays, BrdfTables()).add_to(changes, cells)
         image[image < ROUNDING * means(changes, 0, 128, image, cover)] = 0.0
         drawn.append(image)
     rays.close()
