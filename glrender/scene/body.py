@@ -225,7 +225,8 @@ class Body:
     @cached_property
     def hull(self) -> Hull:
         """Convex hull of the shape."""
-        return Hull(self.drawn_shape.vertices_m, self.drawn_shape.facets, self.shape.solid, self.shape.centre_m)
+        shape = self.drawn_shape
+        return Hull(shape.vertices_m, shape.facets, shape.solid, self.shape.centre_m, shape.sizes)
 
     @cached_property
     def drawn_shape(self) -> Shape:

@@ -31,6 +31,8 @@ def test_a_body_s_memory_is_that_of_its_arrays():
     assert 0 <= found["raster"] - 36 * n_vertices - 12 * n_facets < 20_000
     # A normal, an offset and an error of float64 each.
     assert found["rays"] == 40 * n_facets
+    with Renderer(views.scene([BODY], [views.camera(32, 100.0)])) as renderer:
+        assert renderer._bodies["body"].solid.normals is SHAPE.facet_normals, "worked out once, and held once"
     # At least numbers, corners, normals and neighbours.
     assert found["coverage"] > (8 + 24 + 24 + 12) * n_facets
 

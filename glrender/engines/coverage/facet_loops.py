@@ -162,3 +162,42 @@ def to_camera(vertices_m, corners, facets, r_camera_m):
         for axis in range(3):
             found[axis, i] /= math.sqrt(squared)
     return found
+
+
+@compiled(write(float64, 2)(TABLE, INDICES))
+def centroids(vertices_m, corners):
+    """Centroids (3, F) [m] of facets of corners (3, F) among vertices (3, V)."""
+    found = np.empty((3, corners.shape[1]))
+    for facet in range(corners.shape[1]):
+        a, b, c = corners[0, facet], corners[1, facet], corners[2, facet]
+        for axis in range(3):
+            found[axis, facet] = (vertices_m[axis, a] + vertices_m[axis, b] + vertices_m[axis, c]) / 3.0
+    return found
+
+
+@compiled(write(int32, 2)(INDICES, intp))
+def neighbours(corners, n_vertices):
+    """Facets (3, F) across the edges of facets, from each of their corners (3, F) among some vertices to the next.
+
+    -1 where an edge has not exactly two facets that run along it in opposite directions.
+    """
+    n_sides = 3 * corners.shape[1]
+    # The sides whose lower vertex is the same: one, and which follows each.
+    one, following = np.full(n_vertices, -1, np.int32), np.empty(n_sides, np.int32)
+    for side in range(n_sides):
+        low = min(corners[side % 3, side // 3], corners[(side + 1) % 3, side // 3])
+        following[side], one[low] = one[low], side
+    found = np.full((3, corners.shape[1]), -1, np.int32)
+    for side in range(n_sides):
+        begin, end = corners[side % 3, side // 3], corners[(side + 1) % 3, side // 3]
+        other, n_along, across = one[min(begin, end)], 0, -1
+        while other >= 0:
+            first, last = corners[other % 3, other // 3], corners[(other + 1) % 3, other // 3]
+            if first == end and last == begin:
+                n_along, across = n_along + 1, other // 3
+            elif first == begin and last == end:
+                n_along += 1
+            other = following[other]
+        if n_along == 2:
+            found[side % 3, side // 3] = across
+    return found

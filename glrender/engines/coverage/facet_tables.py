@@ -7,7 +7,6 @@ import numpy as np
 from ...base.morton import morton_order
 from ...planner.error_model import FEWEST_CENTROIDS
 from ...scene.scene import Body
-from ...scene.shape.edges import Edges
 from ...scene.surface import Surface
 from ..rays.mesh import RayMesh, dot
 from . import facet_loops
@@ -60,21 +59,22 @@ class FacetTables:
         self.surface = Surface(body)
         self.n_facets = len(shape.facets)
         self.longest_side_m = shape.longest_side_m
-        self.number = morton_order(shape.vertices_m[shape.facets].mean(axis=1))
+        columns_m, corners = np.ascontiguousarray(shape.vertices_m.T), np.ascontiguousarray(shape.facets.T, np.intp)
+        middle_m = facet_loops.centroids(columns_m, corners)
+        self.number = morton_order(middle_m.T)
         # Vertices as facets come to them.
         self.vertex_number, _, self.corners = facet_loops.vertices_of(
-            np.ascontiguousarray(shape.facets.T, np.intp), self.number, len(shape.vertices_m))
-        self.vertices_m = np.ascontiguousarray(shape.vertices_m[self.vertex_number].T)
-        self.normal = np.ascontiguousarray(shape.facet_normals[self.number].T)
+            corners, self.number, len(shape.vertices_m))
+        self.vertices_m = columns_m.take(self.vertex_number, axis=1)
+        self.normal = np.ascontiguousarray(shape.facet_normals.take(self.number, axis=0).T)
         self.solid, self.crease_rad = solid, shape.crease_rad
         self.offset_m = dot(self.normal, self.vertices_m.take(self.corners[0], axis=1))
         # Now: a first frame that had to wait for them would be late.
-        self.neighbours = neighbours(self.corners)
-        middle_m = self.corner_m(slice(None)).mean(axis=0)
-        height_m = np.stack([np.where(across < 0, 0.0, dot(self.normal, middle_m.take(across, axis=1)) - self.offset_m)
-                             for across in self.neighbours])
-        is_flat = float(height_m.max()) <= _FLAT * body.hull.radius_m
-        self.is_convex = bool((self.neighbours >= 0).all()) and body.hull.is_convex and is_flat
+        self.neighbours = facet_loops.neighbours(self.corners, len(shape.vertices_m))
+        middle_m = middle_m.take(self.number, axis=1)
+        self.is_convex = body.hull.is_convex and bool((self.neighbours >= 0).all()) and all(
+            float((dot(self.normal, middle_m.take(across, axis=1)) - self.offset_m).max()) <= _FLAT * body.hull.radius_m
+            for across in self.neighbours)
         self.horizons = None
         if self.n_facets >= FEWEST_CENTROIDS:
             self.horizons = CentroidHorizons.of(middle_m, self.normal, solid)
@@ -86,17 +86,3 @@ class FacetTables:
     def corner_m(self, facet: np.ndarray) -> np.ndarray:
         """Corners (3, 3, N) [m] of facets (N,): corner, axis, facet."""
         return np.stack([self.vertices_m.take(corner[facet], axis=1) for corner in self.corners])
-
-
-def neighbours(corners: np.ndarray) -> np.ndarray:
-    """Facets (3, F) int32 across the edges of facets, from each of their corners (3, F) to the next.
-
-    -1 where an edge has not exactly two facets that run along it in opposite directions.
-    """
-    edges = Edges(corners.T)
-    one, other = edges.pairs()
-    opposite = edges.start[one] != edges.start[other]
-    one, other = one[opposite], other[opposite]
-    found = np.full(corners.size, -1, np.int32)
-    found[one], found[other] = other // 3, one // 3
-    return np.ascontiguousarray(found.reshape(-1, 3).T)

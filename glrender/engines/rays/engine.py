@@ -392,7 +392,7 @@ class _Solid(RayMesh):
     def __init__(self, body: Body):
         shape = body.drawn_shape
         super().__init__(shape.vertices_m, shape.facets,
-                         not shape.report.is_watertight or shape.other_side is not None or shape.inside)
+                         not shape.report.is_watertight or shape.other_side is not None or shape.inside, shape.sizes)
         self.surface = Surface(body)
         self.needs_weights = body.smooth_normals or body.albedo_map is not None
         self.is_uneven = self.needs_weights or body.relief is not None

@@ -12,7 +12,7 @@ import numpy as np
 
 from ...base.errors import DeviceError
 from ...scene.shape.facet_blocks import FacetBlocks
-from ...scene.shape.facet_geometry import area_vectors, longest_sides
+from ...scene.shape.facet_geometry import FacetSizes
 from .embree import EmbreeMesh
 from .exact_loops import ALL_SIDES
 
@@ -74,6 +74,8 @@ class RayMesh:
         Counter-clockwise from outside.
     has_backs : bool
         Rays may meet facets from behind: of shells that are open, and of panels with both sides.
+    sizes : FacetSizes, optional
+        Of the facets.
 
     Attributes
     ----------
@@ -90,16 +92,14 @@ class RayMesh:
         embreex is not installed.
     """
 
-    def __init__(self, vertices_m: np.ndarray, facets: np.ndarray, has_backs: bool = False):
+    def __init__(self, vertices_m: np.ndarray, facets: np.ndarray, has_backs: bool = False,
+                 sizes: FacetSizes | None = None):
         self.facets, self.has_backs = facets, has_backs
         self.radius_m = float(np.linalg.norm(vertices_m, axis=1).max())
-        normals = area_vectors(vertices_m, facets)
-        twice_area_m2 = np.linalg.norm(normals, axis=1, keepdims=True)
-        normals /= twice_area_m2
-        self.unsure_m = np.minimum(_UNSURE * longest_sides(vertices_m, facets)**3 / twice_area_m2[:, 0],
-                                   MOST_UNSURE * self.radius_m)
-        self.normals = normals
-        self.offset_m = dot(normals.T, vertices_m.take(facets[:, 0], axis=0).T)
+        sizes = sizes or FacetSizes(vertices_m, facets)
+        self.unsure_m = np.minimum(_UNSURE * sizes.longest_sides**3 / sizes.twice_areas, MOST_UNSURE * self.radius_m)
+        self.normals = sizes.normals
+        self.offset_m = dot(self.normals.T, vertices_m.take(facets[:, 0], axis=0).T)
         self._mesh = EmbreeMesh(vertices_m / self.radius_m, facets, has_backs)
         self.vertices_m = vertices_m
 

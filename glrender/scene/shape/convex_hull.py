@@ -14,7 +14,7 @@ from ...base.errors import ShapeError
 from ...base.rotations import evenly_spread
 from .convexity import bends_outwards
 from .facet_blocks import FacetBlocks
-from .facet_geometry import area_vectors
+from .facet_geometry import FacetSizes, area_vectors
 
 # An outline or volume this close to the hull's is convex to float32 round-off of a shape file.
 _CONVEX_VOLUME_RTOL = 1e-6
@@ -42,6 +42,8 @@ class Hull:
         Facets of shells that have an inside; all by default. Open terrain and panels have none.
     centre_m : (3,) float64 [m], optional
         Body-fixed, of the vertices' origin: the body's own by default.
+    sizes : FacetSizes, optional
+        Of the facets.
 
     Attributes
     ----------
@@ -64,7 +66,7 @@ class Hull:
     """
 
     def __init__(self, vertices_m: np.ndarray, facets: np.ndarray, solid: np.ndarray | None = None,
-                 centre_m: np.ndarray | None = None):
+                 centre_m: np.ndarray | None = None, sizes: FacetSizes | None = None):
         self.centre_m = np.zeros(3) if centre_m is None else centre_m
         try:
             hull = ConvexHull(_thickened(vertices_m))
@@ -83,9 +85,9 @@ class Hull:
         self._solid = facets if solid is None else facets[solid]
         # Volumes relative to the hull's own centre, or a far-off origin would cancel digits.
         centre = points_m.mean(axis=0)
-        across = area_vectors(vertices_m, facets)
-        volume = float(np.einsum("ij,ij->", vertices_m.take(facets[:, 0], axis=0) - centre, across)) / 6.0
-        area = 0.5 * float(np.linalg.norm(across, axis=1).sum())
+        sizes = sizes or FacetSizes(vertices_m, facets)
+        volume = float(np.einsum("ij,ij->", vertices_m.take(facets[:, 0], axis=0) - centre, sizes.vectors)) / 6.0
+        area = 0.5 * float(sizes.twice_areas.sum())
         self.is_convex = bool(abs(volume - hull.volume) <= _CONVEX_VOLUME_RTOL * hull.volume
                               and abs(area - hull.area) <= _CONVEX_AREA_RTOL * hull.area
                               and bends_outwards(vertices_m - centre, facets))

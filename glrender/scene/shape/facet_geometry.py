@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import cached_property
 from itertools import accumulate
 
 import numpy as np
@@ -27,6 +28,38 @@ def longest_sides(vertices: np.ndarray, facets: np.ndarray) -> np.ndarray:
     """Longest sides (F,) of facets (F, 3) between vertices (V, 3)."""
     a, b, c = (vertices.take(corner, axis=0) for corner in facets.T)
     return np.sqrt(np.maximum.reduce([np.einsum("fx,fx->f", side, side) for side in (b - a, c - b, a - c)]))
+
+
+class FacetSizes:
+    """Sizes of the facets (F, 3) of a mesh between vertices (V, 3), worked out once for all who ask.
+
+    Attributes
+    ----------
+    vectors : (F, 3) float64
+        As `area_vectors` has them.
+    twice_areas, longest_sides : (F,) float64
+    normals : (F, 3) float64
+        Outward unit vectors.
+    """
+
+    def __init__(self, vertices: np.ndarray, facets: np.ndarray):
+        self._mesh = vertices, facets
+
+    @cached_property
+    def vectors(self) -> np.ndarray:
+        return area_vectors(*self._mesh)
+
+    @cached_property
+    def twice_areas(self) -> np.ndarray:
+        return np.linalg.norm(self.vectors, axis=1)
+
+    @cached_property
+    def normals(self) -> np.ndarray:
+        return self.vectors / self.twice_areas[:, None]
+
+    @cached_property
+    def longest_sides(self) -> np.ndarray:
+        return longest_sides(*self._mesh)
 
 
 def renumbered(facets: np.ndarray, n_vertices: int) -> tuple[np.ndarray, np.ndarray]:

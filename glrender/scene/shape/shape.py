@@ -13,10 +13,10 @@ from glrender_camera.validate import integer, one_of, within
 
 from ...base.errors import ShapeError, error_path
 from .edges import Edges
-from .facet_geometry import area_vectors, longest_sides, renumbered
+from .facet_geometry import FacetSizes, area_vectors, longest_sides, renumbered
 from .files import MAX_FACETS, own_unit, read_shape_file
 from .materials import FileMaterial
-from .shells import WELD_RTOL, are_all_different, of_one_diagonal, seams, wound
+from .shells import WELD_RTOL, are_all_different, of_one_diagonal, seams, turned, wound
 
 _log = logging.getLogger(__name__)
 
@@ -256,31 +256,32 @@ class Shape:
         return middle_m if is_far else np.zeros(3)
 
     @cached_property
-    def _area_normals_m2(self) -> np.ndarray:
-        return 0.5 * area_vectors(self.vertices_m, self.facets)
+    def sizes(self) -> FacetSizes:
+        """Sizes of its facets."""
+        return FacetSizes(self.vertices_m, self.facets)
 
     @cached_property
     def facet_areas_m2(self) -> np.ndarray:
         """(F,) float64 [m2]."""
-        return np.linalg.norm(self._area_normals_m2, axis=1)
+        return 0.5 * self.sizes.twice_areas
 
     @cached_property
     def longest_side_m(self) -> float:
         """Longest side [m] of any facet."""
-        return float(longest_sides(self.vertices_m, self.facets).max())
+        return float(self.sizes.longest_sides.max())
 
-    @cached_property
+    @property
     def facet_normals(self) -> np.ndarray:
         """(F, 3) float64 outward unit normals."""
-        return self._area_normals_m2 / self.facet_areas_m2[:, None]
+        return self.sizes.normals
 
     @cached_property
     def crease_rad(self) -> float:
         """RMS angle [rad] between facets that share an edge; of a large shape, of a part of its edges."""
-        start, end = self.facets.ravel().astype(np.int64), np.roll(self.facets, -1, axis=1).ravel().astype(np.int64)
-        low, high = np.minimum(start, end), np.maximum(start, end)
+        start, end = self.facets.ravel(), np.roll(self.facets, -1, axis=1).ravel()
+        low = np.minimum(start, end)
         some = np.flatnonzero(low % max(len(self.facets) // _CREASE_FACETS, 1) == 0)
-        key = low[some] * len(self.vertices_m) + high[some]
+        key = low[some].astype(np.int64) * len(self.vertices_m) + np.maximum(start[some], end[some])
         order = np.argsort(key, kind="stable")
         pair = np.flatnonzero(np.diff(key[order]) == 0)
         if not len(pair):
@@ -379,12 +380,12 @@ def _repaired(vertices: np.ndarray, facets: np.ndarray, uv: np.ndarray | None, i
     if inside and not shells.has_rooms:
         raise ShapeError("inside", "goes with closed shells of which one faces inward, and there is none", inside,
                          "leave it out where shells are open; turn a room's facets over where they face outward")
-    flipped, corners = shells.is_flipped, _turned(corners, shells.is_flipped)
+    flipped, corners = shells.is_flipped, turned(corners, shells.is_flipped)
     if (doubled := shells.is_open & is_double[corners[:, 0] // 3]).any():
         facets, corners = (np.concatenate([each, each[doubled][:, ::-1]]) for each in (shells.facets, corners))
         flipped = np.pad(flipped, (0, len(facets) - len(flipped)))
         shells = wound(vertices, facets, Edges(facets), inside)
-        flipped, corners = flipped | shells.is_flipped, _turned(corners, shells.is_flipped)
+        flipped, corners = flipped | shells.is_flipped, turned(corners, shells.is_flipped)
     facets, solid = shells.facets, shells.is_solid
     # Facets without an area close their neighbours' edges, and are left out only after shells are known.
     area, longest = np.linalg.norm(area_vectors(vertices, facets), axis=1), longest_sides(vertices, facets)
@@ -446,11 +447,6 @@ def _warnings(report: ShapeReport, n_holed_edges: int) -> tuple[str, ...]:
     if report.n_duplicate:
         messages.append(f"{report.n_duplicate} facets left out that are there twice with the same side")
     return tuple(messages)
-
-
-def _turned(rows: np.ndarray, is_turned: np.ndarray) -> np.ndarray:
-    """Rows (F, 3), of which some (F,) are the other way around."""
-    return np.where(is_turned[:, None], rows[:, [0, 2, 1]], rows)
 
 
 def _without_copies(facets: np.ndarray) -> tuple[np.ndarray, int, int]:

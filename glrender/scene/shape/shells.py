@@ -13,7 +13,7 @@ from scipy.sparse.csgraph import breadth_first_order
 from scipy.spatial import cKDTree
 
 from .edges import Edges, connected
-from .facet_geometry import renumbered
+from .facet_geometry import area_vectors, renumbered
 
 # Gaps of seams: steps of float32 at the largest coordinate, and a share of an open edge's length.
 _SEAM_STEPS, _SEAM_OF_EDGE = 4.0, 1e-3
@@ -153,22 +153,22 @@ def wound(vertices: np.ndarray, facets: np.ndarray, edges: Edges, inside: bool =
         edges = Edges(rest)
     shell, flipped, is_one_sided = _made_one(rest, edges)
     n_shells = int(shell.max()) + 1
-    rest = np.where(flipped[:, None], rest[:, [0, 2, 1]], rest)
+    rest = turned(rest, flipped)
     is_closed = _are_closed(edges, shell, n_shells) & is_one_sided
     # About a corner of each shell, or its volume would be lost in its distance from the origin.
     first = np.unique(shell, return_index=True)[1]
-    corner = vertices[rest] - vertices[rest[first, 0]][shell][:, None]
+    corner = vertices.take(rest[:, 0], axis=0) - vertices.take(rest[first, 0], axis=0).take(shell, axis=0)
     size = np.zeros(n_shells)
-    np.maximum.at(size, shell, np.linalg.norm(corner, axis=2).max(axis=1))
-    normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    np.maximum.at(size, shell, np.linalg.norm(corner, axis=1))
+    normal = area_vectors(vertices, rest)
     area = np.bincount(shell, np.linalg.norm(normal, axis=1), n_shells)
     openness = np.linalg.norm([np.bincount(shell, axis, n_shells) for axis in normal.T], axis=0)
     is_holed = is_one_sided & ~is_closed & (openness < _HOLED * area)
-    volume = np.bincount(shell, np.einsum("ij,ij->i", corner[:, 0], np.cross(corner[:, 1], corner[:, 2])), n_shells)
+    volume = np.bincount(shell, np.einsum("ij,ij->i", corner, normal), n_shells)
     has_volume = np.abs(volume) > _VOLUME_RTOL * area * size
     is_inward = is_closed & has_volume & (volume < 0.0)
     has_rooms, is_inward = bool(is_inward.any()), is_inward & (not inside)
-    rest = np.where(is_inward[shell][:, None], rest[:, [0, 2, 1]], rest)
+    rest = turned(rest, is_inward[shell])
     facets = facets.copy()
     facets[single], is_flipped[single] = rest, flipped ^ is_inward[shell]
     is_solid[single], is_open[single] = ((is_closed | is_holed) & has_volume)[shell], ~is_closed[shell]
@@ -178,6 +178,11 @@ def wound(vertices: np.ndarray, facets: np.ndarray, edges: Edges, inside: bool =
         n_two_sided=int(is_twin.sum()) // 2, has_rooms=has_rooms,
         n_open_edges=len(open_sides), n_holed_edges=int(is_holed[shell[open_sides // 3]].sum()),
         n_non_manifold_edges=int((edges.size > 2).sum()))
+
+
+def turned(rows: np.ndarray, is_turned: np.ndarray) -> np.ndarray:
+    """Rows (F, 3), of which some (F,) are the other way around."""
+    return np.where(is_turned[:, None], rows[:, [0, 2, 1]], rows) if is_turned.any() else rows
 
 
 def are_all_different(rows: np.ndarray) -> bool:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from glrender import generate
+from glrender.engines.coverage import facet_loops
 from glrender.engines.coverage.accumulate import ROUNDING, add_facets, add_line, means, no_changes, settle
-from glrender.engines.coverage.facet_tables import neighbours
 
 
 def clipped_area(polygon, row: int, column: int) -> float:
@@ -118,7 +118,7 @@ def test_blocks_of_facets_change_cells_as_all_at_once_do(rng):
     """Every block once, the sides that neighbours share once: the cover of facets that have a radiance, and light."""
     shape = generate.icosphere(radius_m=100.0, subdivisions=5)
     corners = np.ascontiguousarray(shape.facets.T, np.intp)
-    n_facets, across = corners.shape[1], neighbours(corners)
+    n_facets, across = corners.shape[1], facet_loops.neighbours(corners, len(shape.vertices_m))
     radiance = np.where(rng.random(n_facets) < 0.5, rng.random(n_facets), 0.0)
     xy = np.ascontiguousarray(shape.vertices_m.T[:2] * 0.25 + 32.0)
     where = np.zeros(2), np.ones(2)

@@ -15,8 +15,8 @@ from cells import slow_but
 from glrender import Body, Renderer, Shape, frames, generate
 from glrender.base.constants import AU_M
 from glrender.brdf import Hapke, Lambert, LommelSeeliger
+from glrender.engines.coverage import facet_loops
 from glrender.engines.coverage.engine import CoverageEngine
-from glrender.engines.coverage.facet_tables import neighbours
 from glrender.engines.coverage.image_cells import ImageCells
 from glrender.engines.rays.engine import RayEngine
 from glrender.planner.error_budget import Budget
@@ -312,14 +312,17 @@ def test_an_open_shell_has_its_rim():
 
 
 def test_neighbours_are_found_across_every_edge_and_not_across_others():
-    corners = np.array([[0, 1, 2], [0, 2, 3], [0, 3, 1], [1, 3, 2]]).T
-    np.testing.assert_array_equal(neighbours(corners), [[2, 0, 1, 2], [3, 3, 3, 1], [1, 2, 0, 0]])
-    open_shell = neighbours(corners[:, :3])
+    def across(*facets):
+        return facet_loops.neighbours(np.ascontiguousarray(np.transpose(facets)), 5)
+
+    closed = [[0, 1, 2], [0, 2, 3], [0, 3, 1], [1, 3, 2]]
+    np.testing.assert_array_equal(across(*closed), [[2, 0, 1, 2], [3, 3, 3, 1], [1, 2, 0, 0]])
+    open_shell = across(*closed[:3])
     np.testing.assert_array_equal(open_shell, [[2, 0, 1], [-1, -1, -1], [1, 2, 0]])
     # A third facet along an edge, and one that runs along it the same way: neither has a neighbour there.
-    twice = neighbours(np.array([[0, 1, 2], [1, 0, 3], [0, 1, 4]]).T)
+    twice = across([0, 1, 2], [1, 0, 3], [0, 1, 4])
     assert (twice[0] == -1).all()
-    assert (neighbours(np.array([[0, 1, 2], [0, 1, 3]]).T) == -1).all()
+    assert (across([0, 1, 2], [0, 1, 3]) == -1).all()
 
 
 @pytest.mark.parametrize("budget", slow_but([0.1, 0.03], 1))
