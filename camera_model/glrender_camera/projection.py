@@ -191,6 +191,11 @@ class PinholeCamera:
         return None if self.distortion is None else LensMap(
             self.distortion, (self.width_px, self.height_px), self.focal_length_px, self.principal_point_px)
 
+    @property
+    def without_distortion(self) -> PinholeCamera:
+        """The camera without distortion, of the same pixels."""
+        return self if self.distortion is None else replace(self, distortion=None)
+
     @cached_property
     def rectilinear(self) -> PinholeCamera:
         """The camera without distortion, of the same focal length, that sees all that this one sees."""

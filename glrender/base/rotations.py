@@ -119,6 +119,11 @@ def clip_from_sun(half_width: float, half_height: float, near: float, far: float
         -half_width, half_width, -half_height, half_height, near, far, dtype=np.float64).T
 
 
+def angle_between(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Angles (...) [rad] between unit vectors (..., 3): exact also where they are small, or nearly pi."""
+    return 2.0 * np.arctan2(np.linalg.norm(a - b, axis=-1), np.linalg.norm(a + b, axis=-1))
+
+
 def evenly_spread(index: int | np.ndarray, count: int) -> np.ndarray:
     """One direction (3,), or some (N, 3), of `count` that are evenly spread: a Fibonacci sphere."""
     z = 1.0 - (2.0 * index + 1.0) / count

@@ -114,9 +114,8 @@ def _measured(scene: Scene, state: State, camera: PinholeCamera, times: np.ndarr
     corners = np.array([[x, y] for x in (0, camera.width_px - 1) for y in (0, camera.height_px - 1)])
     rays = camera.directions(corners)
     totals = _totals(state, states, times)
-    pinhole = camera if camera.distortion is None else replace(camera, distortion=None)
     longest, extent, moving = 0.0, 0.0, []
-    for view, body in zip(view_bodies(state, pinhole, scene.hulls), scene.bodies, strict=True):
+    for view, body in zip(view_bodies(state, camera.without_distortion, scene.hulls), scene.bodies, strict=True):
         most_px = _most_px(totals, camera, view, body.hull, rays[:, 2].min())
         if most_px < STILL_PX or (view.bounds_px is None and view.is_visible):
             longest, extent = max(longest, most_px), max(extent, most_px)

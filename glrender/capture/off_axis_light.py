@@ -50,7 +50,7 @@ def light_beyond(renderer: Any, camera: PinholeCamera, margin_px: int,
     nothing = PointSources([], [])
     if not stray:
         return nothing, "skipped: the optics have no stray light"
-    plain = replace(camera, distortion=None).with_margin(margin_px)
+    plain = camera.without_distortion.with_margin(margin_px)
     found: dict[str, list[tuple[PointSources, float]]] = {}
     for state, apart, weight in poses:
         parts = {"the Sun": _sun(renderer, state, plain)}

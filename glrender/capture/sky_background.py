@@ -145,7 +145,7 @@ def _overlap(view: BodyView, x0: float, y0: float, x1: float, y1: float) -> bool
 def _is_hidden(scene: Scene, state: State, camera: PinholeCamera, ray_camera: np.ndarray) -> np.ndarray:
     """(N,) bool: whether a body stands before the direction (N, 3)."""
     hidden = np.zeros(len(ray_camera), bool)
-    pinhole = camera if camera.distortion is None else replace(camera, distortion=None)
+    pinhole = camera.without_distortion
     xy = pinhole.project(ray_camera)
     for view in view_bodies(state, pinhole, scene.hulls):
         if view.bounds_px is not None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 from glrender_camera import PinholeCamera
@@ -115,7 +114,7 @@ def _behind_ground(scene: Scene, state: State, camera: PinholeCamera, names: Seq
     if not bodies:
         return []
     place_m = {view.name: view.r_camera_body_m
-               for view in view_bodies(state, replace(camera, distortion=None), scene.hulls)}
+               for view in view_bodies(state, camera.without_distortion, scene.hulls)}
     return [Advice("behind_ground", "state.spacecraft.r_inertial_m", (
         f"the camera is behind the ground of {_printable(body.name)}, or under it: the facets nearest to it turn their "
         "backs, which nobody sees; check state.spacecraft.r_inertial_m, or wind the facets the other way"))
@@ -151,8 +150,7 @@ def _night_side(name: str, phase_deg: float) -> Advice:
 
 def _why_dark(scene: Scene, state: State, camera: PinholeCamera, in_view: Sequence[str],
               region: tuple[int, int, int, int] | None, has_stars: bool) -> list[Advice]:
-    ideal = camera if camera.distortion is None else replace(camera, distortion=None)
-    views = view_bodies(state, ideal, scene.hulls)
+    views = view_bodies(state, camera.without_distortion, scene.hulls)
     # The image that was drawn may have a margin, or be the region alone; that of a lens is another.
     visible = [view for view in views if (_is_seen(view, camera, scene) if camera.distortion is None
                                           else view.name in in_view)]

@@ -23,6 +23,7 @@ from .seen import Seen
 _BEHIND_THE_LENS = ("a lens moves the light of a rectilinear image, which blurs edges: the backend \"auto\" draws "
                     "behind the lens what has no coma")
 
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Drawn:
     """A frame of surfaces as it was drawn, of which `account` makes its plan.

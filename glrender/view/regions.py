@@ -60,8 +60,9 @@ class Group:
 
 
 def region(views: Sequence[BodyView], camera: PinholeCamera) -> tuple[int, int, int, int]:
-    """x0, y0, x1, y1 [px] of the pixels that visible bodies may touch."""
-    return Group.of(views, camera).roi
+    """x0, y0, x1, y1 [px] of the pixels that visible bodies may touch, one past the last; all zero without any."""
+    visible = [view for view in views if view.is_visible]
+    return Group.of(visible, camera).roi if visible else (0, 0, 0, 0)
 
 
 def _within(edge_px: float, beyond: int, frame_px: int) -> int:

@@ -148,7 +148,7 @@ class State:
             if not isinstance(pose, Pose):
                 raise ConfigError(f"bodies.{name}", "must be a Pose", pose)
         if self.date_tdb is not None:
-            object.__setattr__(self, "date_tdb", later(_checked_date("date_tdb", self.date_tdb), 0.0))
+            object.__setattr__(self, "date_tdb", later(_checked_date(self.date_tdb), 0.0))
 
     @classmethod
     def from_dict(cls, table: Mapping[str, Any], path: str = "state") -> State:
@@ -216,17 +216,17 @@ def later(date: str, dt_s: float) -> str:
         raise ConfigError("date_tdb", _OF_YEARS, f"{date} and {dt_s:g} s") from None
 
 
-def _checked_date(name: str, value: object) -> str:
+def _checked_date(value: object) -> str:
     hint = 'write "2029-02-13T12:00:00.5"'
     try:
         # Values that are no strings are refused as no dates.
         date = datetime.fromisoformat(cast(str, value))
     except (TypeError, ValueError):
-        raise ConfigError(name, "must be a date year-month-dayThour:minute:second", value, hint) from None
+        raise ConfigError("date_tdb", "must be a date year-month-dayThour:minute:second", value, hint) from None
     if date.tzinfo is not None:
-        raise ConfigError(name, "must be TDB, without a Z or an offset", value, hint)
+        raise ConfigError("date_tdb", "must be TDB, without a Z or an offset", value, hint)
     if not FIRST_YEAR <= date.year <= LAST_YEAR:
-        raise ConfigError(name, _OF_YEARS, value, hint)
+        raise ConfigError("date_tdb", _OF_YEARS, value, hint)
     return date.isoformat()
 
 

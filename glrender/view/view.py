@@ -89,10 +89,6 @@ class BodyView:
         near, far = self.depth_m
         return min(self.size_px * 0.5 * (near + far) / near, 1e5)
 
-    def is_within(self, bounds_px: tuple[float, float, float, float]) -> bool:
-        """Whether the whole outline is inside a window x0, y0, x1, y1 [px]."""
-        return _is_within(self.bounds_px, bounds_px)
-
 
 def _is_within(box: np.ndarray | None, bounds_px: tuple[float, float, float, float]) -> bool:
     x0, y0, x1, y1 = bounds_px
@@ -112,11 +108,6 @@ def lamp_in(view: BodyView, lamp: Lamp, camera: PinholeCamera) -> tuple[np.ndarr
     body_from_spacecraft = view.camera_from_body.T @ frames.dcm(camera.q_camera_from_spacecraft)
     aside_m = lamp.r_spacecraft_m - camera.r_camera_spacecraft_m
     return view.r_camera_body_m + body_from_spacecraft @ aside_m, body_from_spacecraft @ lamp.direction
-
-
-def phase_angle(to_sun: np.ndarray, to_camera: np.ndarray) -> float:
-    """Phase angle between two unit vectors (3,) [rad]: exact also where it is small, or nearly pi."""
-    return float(2.0 * np.arctan2(np.linalg.norm(to_sun - to_camera), np.linalg.norm(to_sun + to_camera)))
 
 
 def view_bodies(state: State, camera: PinholeCamera, hulls: dict[str, Hull]) -> list[BodyView]:
@@ -198,7 +189,7 @@ def _view(name: str, hull: Hull, state: State, camera: PinholeCamera, camera_fro
     return BodyView(
         name=name, camera_from_body=camera_from_body, r_camera_body_m=r_camera, sun_direction_body=sun_direction,
         sun_distance_au=sun_distance / AU_M, range_m=range_m,
-        phase_rad=phase_angle(sun_direction, to_camera),
+        phase_rad=float(frames.angle_between(sun_direction, to_camera)),
         depth_m=(nearest, farthest), bounds_px=bounds, is_visible=is_visible,
         is_whole=_is_within(bounds, camera.bounds_px), footprint_m=nearest / finest_px,
         centre_m=hull.centre_m)

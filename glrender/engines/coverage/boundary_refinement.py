@@ -22,17 +22,17 @@ from .sunlit_error import CLIPPED_ERROR, pixels_squared
 # Bisections by which ends of cuts are found: of many triangles, and of few, whose errors do not cancel.
 _BISECTIONS, _BISECTIONS_OF_FEW = 2, 6
 # The part of the error of boundaries between corners that agree that is left where the facets next to boundary ones are
-# divided too, and that each division more leaves of that [1], the most divisions, and the most parts: 12 frames at
-# tolerances of 0.004 to 0.01, compared with rays; 1 s.
+# divided too, and that each division more leaves of that [1]: 12 frames at tolerances of 0.004 to 0.01, compared with
+# rays, have less. The most such divisions; and the most parts, a round choice that takes 1 s.
 _STILL_MISSED, _STILL_MISSED_LATER = 0.36, 0.5
-_MOST_BESIDE = 3
+_MOST_NEXT = 3
 _MOST_PARTS = 2_500_000
 # Squared light of a facet over the squared tolerance from which it is divided first [1]: of few facets, and of many.
 _LARGE = 0.15
 _LARGE_OF_MANY = 20.0
 # Most divisions of a triangle by four.
 _MOST_DIVISIONS = 6
-# Triangles that are too many to be divided again.
+# Triangles that are too many to be divided again: a round choice.
 _MANY = 120_000
 # Length of a part over its facet's width [1] up to which corners show what is between them: two layers of ten bars,
 # 1 : 400 to 1 : 50.
@@ -91,7 +91,7 @@ def _divide_with_beside(seen: CornerVisibility, beside: FacetParts, missed: floa
     """
     cutter, triangles = seen.cutter, seen.boundary
     beside, missed = cutter.quarters(beside), _STILL_MISSED * missed
-    for _ in range(_MOST_BESIDE - 1):
+    for _ in range(_MOST_NEXT - 1):
         if missed <= most_left or 4 * (len(triangles.facet) + len(beside.facet)) > _MOST_PARTS:
             break
         triangles, beside = cutter.quarters(triangles), cutter.quarters(beside)

@@ -18,7 +18,8 @@ _STEPS = 24
 _LEAST_STEP = 0.0078125
 _MOST_STEP = 0.03125
 _LEAST_STEPS = 4.0
-# Least angle off the limb and the terminator [rad], and least part of a normal.
+# Least angle off the limb and the terminator [rad], and least part of a normal: a round choice, far from float64's
+# rounding and from all that has light.
 _EDGE_ON = 1e-6
 
 

@@ -20,7 +20,7 @@ from ...planner.adaptive_samples import frame_error
 from ...planner.predicted import rms_tolerance
 from ...scene.scene import Body, Scene
 from ...scene.tolerance import checked_max_error
-from ...view.regions import touching
+from ...view.regions import region, touching
 from ...view.state import State
 from ...view.view import BodyView, view_bodies
 from ..image import Image, checked_products
@@ -28,7 +28,7 @@ from ..parts import Parts
 from ..rays.aimed import AimedRays
 from ..rays.emission import Emitted
 from ..rays.engine import RayEngine
-from ..rays.products import full_shape_plan, traced_products, visible_region
+from ..rays.products import full_shape_plan, traced_products
 from .blender_terms import BlenderTerms, warnings_of
 from .displaced_mesh import displaced
 from .lens import Lens
@@ -149,7 +149,7 @@ class Cycles:
         given, state = state, self._parts.state(state, pinhole)
         views = view_bodies(state, pinhole, self._hulls)
         tolerance = rms_tolerance(max_error, views, pinhole)
-        roi = visible_region(views, pinhole)
+        roi = region(views, pinhole)
         irradiance = np.zeros((pinhole.height_px, pinhole.width_px), np.float32)
         reached, most, warnings = 0.0, 0, ()
         groups = touching(views, pinhole)

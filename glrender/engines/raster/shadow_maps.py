@@ -13,6 +13,7 @@ from ...base import rotations as frames
 from ...planner.body_plan import MAX_SHADOW_SIDE_PX
 from ...planner.plan import BodyPlan
 from ...scene.scene import Scene
+from ...scene.shape.facet_geometry import area_vectors
 from ...view.occluders import casters
 from ...view.view import BodyView
 from ..prepared_body import PreparedBody
@@ -85,8 +86,8 @@ class Shadows:
                                                                          -view.camera_from_body @ view.r_camera_body_m)
         x, y, _, w = clip[:, :3] @ mesh.vertices_m.T + clip[:, 3:]
         beside = np.stack([x > w, x < -w, y > w, y < -w], axis=1)
-        corner_m = mesh.vertices_m[mesh.facets[~beside[mesh.facets].all(axis=1).any(axis=1)]]
-        normal = np.cross(corner_m[:, 1] - corner_m[:, 0], corner_m[:, 2] - corner_m[:, 0])
+        facets = mesh.facets[~beside[mesh.facets].all(axis=1).any(axis=1)]
+        normal, corner_m = area_vectors(mesh.vertices_m, facets), mesh.vertices_m[facets]
         shown = ((normal @ view.sun_direction_body > 0.0)
                  & (np.einsum("fx,fx->f", normal, view.r_camera_body_m - corner_m[:, 0]) > 0.0))
         return sun_from_body @ (corner_m[shown].reshape(-1, 3).T if shown.any() else mesh.vertices_m[:1].T)

@@ -25,6 +25,7 @@ from ...planner.predicted import rms_tolerance
 from ...planner.walls import between_walls
 from ...scene.scene import Scene
 from ...scene.tolerance import checked_max_error
+from ...view.regions import region
 from ...view.state import State
 from ...view.view import BodyView, view_bodies
 from ..image import Image, checked_products
@@ -32,7 +33,7 @@ from ..parts import Parts
 from .aimed import AimedRays
 from .emission import Emitted
 from .engine import RayEngine
-from .products import full_shape_plan, traced_products, visible_region
+from .products import full_shape_plan, traced_products
 
 # Rounds before a pixel's scatter is believed, and at which even the worst pixel is given up.
 _FIRST_ROUNDS, _MAX_ROUNDS = 4, 256
@@ -126,7 +127,7 @@ class RayTracer:
         given, state = state, self._parts.state(state, pinhole)
         views = view_bodies(state, pinhole, self._parts.drawn.hulls)
         tolerance = rms_tolerance(max_error, views, pinhole)
-        roi = visible_region(views, pinhole)
+        roi = region(views, pinhole)
         irradiance = np.zeros((pinhole.height_px, pinhole.width_px), np.float32)
         x0, y0, x1, y1 = roi
         aimed, rng = AimedRays(self._engine, pinhole, views, roi), np.random.default_rng(seed)

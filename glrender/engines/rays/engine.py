@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from glrender_camera import PinholeCamera, threads
 
-from ...base.rotations import sun_from_body
+from ...base.rotations import angle_between, sun_from_body
 from ...scene.body import owner
 from ...scene.lamp import ALL_ROUND_DEG, Lamp
 from ...scene.scene import Body, Scene
@@ -233,8 +233,9 @@ class RayEngine:
                 facing, *_, is_lit = self._facing(hits, view, views)
                 made["sunlit"][part][facing.place] = is_lit
                 values = {"range": hits.distance_m, "body_id": index, "facet_id": hits.facet,
-                          "incidence": _angle(normal, view.sun_direction_body), "emission": _angle(normal, -ray),
-                          "phase": _angle(-ray, view.sun_direction_body),
+                          "incidence": angle_between(normal, view.sun_direction_body),
+                          "emission": angle_between(normal, -ray),
+                          "phase": angle_between(-ray, view.sun_direction_body),
                           "r_body": _points(hits, view).T + view.centre_m}
                 for name, value in values.items():
                     made[name][part][hits.place] = value
@@ -424,7 +425,3 @@ def _on_disc(pixel: np.ndarray, middle_px: tuple[float, float], draw: np.ndarray
     u, v = (shift - np.floor(shift)).astype(np.float32)
     radius, angle = np.sqrt(u), np.float32(2.0 * np.pi) * v
     return np.stack([radius * np.cos(angle), radius * np.sin(angle)])
-
-
-def _angle(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    return 2.0 * np.arctan2(np.linalg.norm(a - b, axis=-1), np.linalg.norm(a + b, axis=-1))

@@ -12,15 +12,9 @@ from ...planner.plan import BodyPlan, RenderPlan
 from ...planner.predicted import frame_errors, rms_tolerance
 from ...scene.scene import Scene
 from ...scene.tolerance import by_unit
-from ...view.regions import Group, region
+from ...view.regions import Group
 from ...view.view import BodyView
 from .engine import BESIDE, RayEngine
-
-
-def visible_region(views: list[BodyView], camera: PinholeCamera) -> tuple[int, int, int, int]:
-    """Pixels that the bodies in view may touch: x0, y0, x1, y1, one past the last; all zero without any."""
-    visible = [view for view in views if view.is_visible]
-    return region(visible, camera) if visible else (0, 0, 0, 0)
 
 
 def full_shape_plan(scene: Scene, camera: PinholeCamera, views: list[BodyView], *,

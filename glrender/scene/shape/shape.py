@@ -12,6 +12,7 @@ import numpy as np
 from glrender_camera.validate import integer, one_of, within
 
 from ...base.errors import ShapeError, error_path
+from ...base.rotations import angle_between
 from .edges import Edges
 from .facet_geometry import FacetSizes, area_vectors, longest_sides, renumbered
 from .files import MAX_FACETS, own_unit, read_shape_file
@@ -287,8 +288,7 @@ class Shape:
         if not len(pair):
             return 0.0
         a, b = (self.facet_normals[some[order[pair + k]] // 3] for k in range(2))
-        half = np.arctan2(np.linalg.norm(a - b, axis=1), np.linalg.norm(a + b, axis=1))
-        return float(2.0 * np.sqrt(np.mean(half**2)))
+        return float(np.sqrt(np.mean(angle_between(a, b)**2)))
 
     @cached_property
     def vertex_normals(self) -> np.ndarray:

@@ -107,6 +107,19 @@ def test_an_error_of_a_table_is_that_of_the_light_of_a_sphere():
     assert flux == pytest.approx(abs(error), rel=0.1) and 0.1 < flux < rms
 
 
+def test_a_table_near_a_body_holds_a_surge_by_few_nodes():
+    """One radius and a hundredth from the middle, where phase angles on the body differ by 160 deg: 0.05 % of the flux.
+
+    A table with twice as many nodes is no more than a frame needs, and takes as long again.
+    """
+    law = Hapke(single_scattering_albedo=0.3, b=0.3, c=0.2, shoe_amplitude=1.0, shoe_width=0.05)
+    body, camera, tables = views.sphere(law, subdivisions=4), views.camera(64, 10.0), BrdfTables()
+    view, = view_bodies(views.state(phase_deg=60.0, range_m=101.0), camera, views.scene([body], [camera]).hulls)
+    table, first, step = tables.of(Surface(body), view, 100.0, 1.0)
+    assert tables.errors(Surface(body), view, 100.0)[1] < 5e-4
+    assert len(table) < 60 and first + step * (len(table) - 1) > 1.4
+
+
 @pytest.fixture(scope="module")
 def rough():
     return views.rough_body(GREY)

@@ -13,6 +13,7 @@ import moderngl
 import numpy as np
 
 from ....brdf.law import Law
+from ....scene.shape.facet_geometry import area_vectors
 from ....shaders import ConstantBlock, UniformBlock, compose
 from .context import Context
 from .owner import ResourceOwner
@@ -175,20 +176,19 @@ class Mesh(ResourceOwner):
 
     def _facet_normals(self) -> moderngl.Texture:
         if self._normal_texture is None:
-            corner = self.vertices_m[self.facets]
-            normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+            normal = area_vectors(self.vertices_m, self.facets)
             normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-            self._normal_texture = self.own(_lookup(self._context.gl, normal, "f4"))
+            self._normal_texture = self.own(_lookup(self._context.gl, normal))
         return self._normal_texture
 
 
-def _lookup(gl: moderngl.Context, rows: np.ndarray, dtype: str) -> moderngl.Texture:
+def _lookup(gl: moderngl.Context, rows: np.ndarray) -> moderngl.Texture:
     """A texture as a table: row k of (N, components) at (k % width, k // width)."""
     components = rows.shape[1]
     height = -(-len(rows) // _TEXELS_PER_ROW)
-    texels = np.zeros((height * _TEXELS_PER_ROW, components), np.dtype(dtype))
+    texels = np.zeros((height * _TEXELS_PER_ROW, components), np.float32)
     texels[: len(rows)] = rows
-    texture = gl.texture((_TEXELS_PER_ROW, height), components, texels, dtype=dtype, alignment=1)
+    texture = gl.texture((_TEXELS_PER_ROW, height), components, texels, dtype="f4", alignment=1)
     texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
     return texture
 
