@@ -175,7 +175,8 @@ def _why_dark(scene: Scene, state: State, camera: PinholeCamera, in_view: Sequen
 
 
 def _cos_off_axis(view: BodyView) -> float:
-    return view.cos_off_axis if view.range_m > 0.0 else 0.0  # in the middle of a ring
+    """Cosine of the angle between a body's origin and the boresight; 0 in the middle of a ring."""
+    return -float(view.camera_from_body[2] @ view.r_camera_body_m) / view.range_m if view.range_m > 0.0 else 0.0
 
 
 def _is_seen(view: BodyView, camera: PinholeCamera, scene: Scene) -> bool:

@@ -19,7 +19,15 @@ from glrender_camera import PinholeCamera
 from ..view.regions import Group
 from ..view.view import BodyView
 from .error_budget import PENUMBRA_SHARE, SAMPLES_SHARE, Budget
-from .error_model import CRESCENT_RAD, SMOOTH_PER_RAD, centroids, facets_per_px, parallel_error, ray_rounding_error
+from .error_model import (
+    CRESCENT_RAD,
+    FEWEST_CENTROIDS,
+    SMOOTH_PER_RAD,
+    centroids,
+    facets_per_px,
+    parallel_error,
+    ray_rounding_error,
+)
 from .plan import CENTROIDS, ONE_DIRECTION, SLIVERS, UNEVEN, BodyPlan, Target, WindowPlan
 from .request import MAX_SAMPLES, Request
 from .seen import Seen
@@ -150,11 +158,6 @@ def apart_size_px(size_px: float, phase_rad: float) -> float:
     return max(size_px * math.cos(0.5 * phase_rad), size_px / _MOST_LARGER)
 
 
-def facing_share(phase_rad: float) -> float:
-    """The share of a body's facets that faces both camera and Sun, about."""
-    return (math.pi - phase_rad) / (2.0 * math.pi)
-
-
 @dataclass(frozen=True, kw_only=True)
 class _Part:
     """A part of a frame: the bodies of a group, and where they are drawn."""
@@ -236,7 +239,8 @@ def _no_coverage(part: _Part) -> str:
 
 def _is_crowded(bodies: Sequence[Seen]) -> bool:
     """Whether so many facets that face camera and Sun share a pixel that rays are cheaper than any that visits each."""
-    n_facing = sum(body.traits.n_facets * facing_share(body.view.phase_rad) for body in bodies)
+    # A lune of the directions faces both.
+    n_facing = sum(body.traits.n_facets * (math.pi - body.view.phase_rad) / (2.0 * math.pi) for body in bodies)
     n_px = sum(0.6 * min(body.view.size_px, 1e5) ** 2 for body in bodies)
     return (n_facing > MOST_FACETS_PER_PX * n_px
             and sum(body.traits.n_facets for body in bodies) >= FEWEST_FACETS_FOR_RAYS)
@@ -278,7 +282,7 @@ def _coverage(part: _Part) -> list[WindowPlan]:
     of_flux = {**of_flux, CENTROIDS: least}
     is_too_much = allowed.rms_of(modelled, of_flux) > PENUMBRA_SHARE * allowed.tolerance
     # Where bodies hide or shade each other facets are clipped at the edges anyway.
-    if (is_too_much or has_planes or len(bodies) > 1 or bodies[0].casters or not traits.has_centroids
+    if (is_too_much or has_planes or len(bodies) > 1 or bodies[0].casters or traits.n_facets < FEWEST_CENTROIDS
             or facets_per_px(view, traits.n_facets) < _LEAST_FACETS_PER_PX
             or view.phase_rad + traits.radius_m / view.range_m > _CENTROIDS_RAD):
         return [clipped]

@@ -94,11 +94,6 @@ class BodyTraits:
         return slope > SMOOTH_PER_RAD and 2.0 * slope * self.crease_rad > 1.0
 
     @property
-    def has_centroids(self) -> bool:
-        """Whether coverage may draw it by centroids."""
-        return self.n_facets >= FEWEST_CENTROIDS
-
-    @property
     def slope(self) -> float:
         """RMS angle of creases [rad] that err as its own and its surface detail do, at most."""
         return math.hypot(self.crease_rad, self.detail_slope)

@@ -37,6 +37,8 @@ _LEAST_PX, _LEAST = 0.25, 0.02
 # Least and largest share of the light [1] that an eclipse may leave: it is computed for spheres, not for the shapes.
 _LEAST_LIGHT, _MOST_LIGHT = 0.02, 0.5
 
+_Caster = tuple[str, np.ndarray, np.ndarray]
+
 
 @dataclass(frozen=True, kw_only=True)
 class Penumbra:
@@ -78,14 +80,14 @@ class Penumbra:
         return min(self.eclipse_px / max(size_px, 1e-9), 1.0) * (1.0 - left) / left
 
 
-def penumbra_of(view: BodyView, cast: Sequence[tuple[str, np.ndarray]], hulls: Mapping[str, Hull],
+def penumbra_of(view: BodyView, cast: Sequence[_Caster], hulls: Mapping[str, Hull],
                 sun_radius_rad: float) -> Penumbra:
     """The penumbras on a body.
 
     Parameters
     ----------
     view : BodyView
-    cast : sequence of (str, (4, 4) array)
+    cast : sequence of (str, (3, 3) array, (3,) array [m])
         Bodies that may cast a shadow on it: `occluders.casters`.
     hulls : mapping of str to Hull
     sun_radius_rad : float [rad]
@@ -93,7 +95,7 @@ def penumbra_of(view: BodyView, cast: Sequence[tuple[str, np.ndarray]], hulls: M
     """
     if not sun_radius_rad > 0.0:
         return Penumbra()
-    is_whole = not any(owner(name) == owner(view.name) for name, _ in cast)
+    is_whole = not any(owner(name) == owner(view.name) for name, *_ in cast)
     own, own_px = (0.0, 0.0) if hulls[view.name].is_convex and is_whole else _own(view)
     if not cast:
         return Penumbra(hard_error=own, own_px=own_px)
@@ -122,7 +124,7 @@ def _own(view: BodyView) -> tuple[float, float]:
     return error, _OWN_WIDTH * view.finest_px / view.sun_distance_au
 
 
-def _cast(receiver: BodyView, cast: Sequence[tuple[str, np.ndarray]], hulls: Mapping[str, Hull],
+def _cast(receiver: BodyView, cast: Sequence[_Caster], hulls: Mapping[str, Hull],
           sun_radius_rad: float) -> tuple[float, float, float]:
     """RMS error [1] of hard edges in place of the casters' penumbras, over the mean of the lit pixels; widest [px].
 
@@ -131,8 +133,8 @@ def _cast(receiver: BodyView, cast: Sequence[tuple[str, np.ndarray]], hulls: Map
     """
     squared = annular = widest_px = 0.0
     radius_px = hulls[receiver.name].radius_m / receiver.footprint_m
-    for name, receiver_from_caster in cast:
-        sunward_m = max(float(receiver_from_caster[:3, 3] @ receiver.sun_direction_body), 0.0)
+    for name, _, offset_m in cast:
+        sunward_m = max(float(offset_m @ receiver.sun_direction_body), 0.0)
         caster_px = hulls[name].radius_m / receiver.footprint_m
         eclipse_px, caster_wide_px = 2.0 * sun_radius_rad * sunward_m / receiver.footprint_m, 2.0 * max(caster_px, 1e-9)
         wide_px, edge_px = min(eclipse_px, caster_wide_px), 2.0 * math.pi * min(caster_px, radius_px)
@@ -143,7 +145,7 @@ def _cast(receiver: BodyView, cast: Sequence[tuple[str, np.ndarray]], hulls: Map
     return *(min(math.sqrt(each / max(lit_px, 1e-9)), 1.0) for each in (squared, annular)), widest_px
 
 
-def _eclipse(receiver: BodyView, cast: Sequence[tuple[str, np.ndarray]], hulls: Mapping[str, Hull],
+def _eclipse(receiver: BodyView, cast: Sequence[_Caster], hulls: Mapping[str, Hull],
              sun_radius_rad: float) -> tuple[float, float, float]:
     """Share of the light [1] that casters leave, error of the total [1] with hard edges, and the widest penumbra [m].
 
@@ -156,9 +158,8 @@ def _eclipse(receiver: BodyView, cast: Sequence[tuple[str, np.ndarray]], hulls: 
     edge_m = hull.radius_m * max(0.5 * math.sqrt(math.pi / _POINTS) * math.cos(0.5 * receiver.phase_rad), 1.0 / _POINTS)
     places = (0.0, -_ASIDE, _ASIDE)
     (soft, hard), width_m = np.ones((2, len(places), len(light))), 0.0
-    for name, receiver_from_caster in cast:
-        offset_m, caster_m = receiver_from_caster[:3, 3], hulls[name].radius_m
-        to_caster_m = offset_m - point_m
+    for name, _, offset_m in cast:
+        caster_m, to_caster_m = hulls[name].radius_m, offset_m - point_m
         sunward_m = np.maximum(to_caster_m @ sun, 0.0)
         aside_m = to_caster_m - np.outer(to_caster_m @ sun, sun)
         to_light = light @ aside_m

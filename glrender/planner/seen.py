@@ -56,6 +56,6 @@ def seen_bodies(state: State, camera: PinholeCamera, hulls: Mapping[str, Hull], 
     for view, known in zip(views, traits, strict=True):
         sun_radius_rad = view.sun_radius_rad if has_sun_disc else 0.0
         cast = casters(view, views, hulls, sun_radius_rad) if view.is_visible else []
-        found.append(Seen.of(view, known, camera, tuple(name for name, _ in cast),
+        found.append(Seen.of(view, known, camera, tuple(name for name, *_ in cast),
                              penumbra_of(view, cast, hulls, sun_radius_rad)))
     return tuple(found)

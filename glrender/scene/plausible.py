@@ -9,7 +9,7 @@ from glrender_camera import CameraModel, Detector, PinholeCamera
 
 from ..base.errors import ConfigError
 from ..base.plausible import Advice, doubt, improbable, way_out
-from .solar_irradiance import Band, solar_spectrum
+from .solar_irradiance import box_irradiance_1au_W_m2, solar_spectrum
 
 GAIN_RATIO = 5.0
 """Ratio, either way, of a full well to what the bits hold [DN] from which on the gain is doubted: of the detectors of
@@ -38,7 +38,7 @@ def camera_doubts(index: int, camera: PinholeCamera, solar_irradiance_1au_W_m2: 
             found += _irradiance(camera.name, band.optics.band_nm, given_W_m2)
     if camera.model is not None:
         found += _gain(f"{path}.model.detector", camera.model.detector)
-    elif given_W_m2 is not None and given_W_m2 > (1.0 + IRRADIANCE_OFF) * _in_band(_spectrum_nm()):
+    elif given_W_m2 is not None and given_W_m2 > (1.0 + IRRADIANCE_OFF) * box_irradiance_1au_W_m2(_spectrum_nm()):
         found += _irradiance(camera.name, _spectrum_nm(), given_W_m2)
     return tuple(found)
 
@@ -91,7 +91,7 @@ def _irradiance(name: str, band_nm: Sequence[float], given_W_m2: float) -> list[
     low, high = _spectrum_nm()
     if not (low <= band_nm[0] and band_nm[1] <= high):
         return []
-    sun_W_m2 = _in_band((band_nm[0], band_nm[1]))
+    sun_W_m2 = box_irradiance_1au_W_m2((band_nm[0], band_nm[1]))
     if abs(given_W_m2 / sun_W_m2 - 1.0) <= IRRADIANCE_OFF:
         return []
     rule = f"is likely within {100.0 * IRRADIANCE_OFF:g} % of the Sun's {sun_W_m2:.4g} W/m2 from {band_nm[0]:g} to " \
@@ -103,7 +103,3 @@ def _irradiance(name: str, band_nm: Sequence[float], given_W_m2: float) -> list[
 def _spectrum_nm() -> tuple[float, float]:
     low, high = solar_spectrum()[0][[0, -1]].tolist()
     return low, high
-
-
-def _in_band(band_nm: tuple[float, float]) -> float:
-    return Band.box(*band_nm).irradiance_1au_W_m2

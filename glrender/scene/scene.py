@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache, cached_property
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,7 @@ from .body import Body
 from .lamp import Lamp
 from .plausible import camera_doubts, refuse_bands_without_sun
 from .shape.convex_hull import Hull
-from .solar_irradiance import Band
+from .solar_irradiance import box_irradiance_1au_W_m2
 from .stars import Stars
 from .tolerance import checked_max_error
 
@@ -206,9 +206,4 @@ def load_scene(path: str | Path) -> Scene:
 def band_irradiances(model: CameraModel | MosaicModel) -> dict[str, float]:
     """Solar irradiance at 1 au [W/m2] of each band (ASTM E490-00a), the pattern's first letter first."""
     letters = dict.fromkeys("".join(model.pattern)) if isinstance(model, MosaicModel) else model.bands
-    return {letter: _box_irradiance(model.bands[letter].optics.band_nm) for letter in letters}
-
-
-@cache
-def _box_irradiance(band_nm: tuple[float, float]) -> float:
-    return Band.box(*band_nm).irradiance_1au_W_m2
+    return {letter: box_irradiance_1au_W_m2(model.bands[letter].optics.band_nm) for letter in letters}

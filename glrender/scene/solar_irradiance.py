@@ -115,6 +115,12 @@ class Band:
         return self.photon_irradiance_1au_m2_s / self.irradiance_1au_W_m2
 
 
+@cache
+def box_irradiance_1au_W_m2(band_nm: tuple[float, float]) -> float:
+    """Solar irradiance at 1 au [W/m2] between two wavelengths [nm]."""
+    return Band.box(*band_nm).irradiance_1au_W_m2
+
+
 def solar_irradiance(distance_m: float, irradiance_1au_W_m2: float = TOTAL_SOLAR_IRRADIANCE_W_M2) -> float:
     """Solar irradiance [W/m2] at a distance from the Sun.
 

@@ -18,7 +18,8 @@ from .plausible import sun_way_out
 from .state import State
 
 FINE_FOOTPRINT = 1e-5
-"""Side of a pixel's footprint, in radii, below which rays need coordinates about the camera: 170 float32 steps."""
+"""Side of a pixel's footprint, in radii, below which rays need coordinates about the camera: a round choice, of 170
+float32 steps."""
 # The outline's edges, float64 pixel coordinates, are then good to 1e-4 of its size.
 _MIN_SIZE_PX = 1e-9
 
@@ -72,11 +73,6 @@ class BodyView:
     def size_px(self) -> float:
         """Larger side of the outline's box [px]; infinite when it has none."""
         return np.inf if self.bounds_px is None else float(np.max(self.bounds_px[2:] - self.bounds_px[:2]))
-
-    @property
-    def cos_off_axis(self) -> float:
-        """Cosine of the angle between the body's origin and the boresight."""
-        return -float(self.camera_from_body[2] @ self.r_camera_body_m) / self.range_m
 
     @property
     def sun_radius_rad(self) -> float:

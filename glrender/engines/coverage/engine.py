@@ -39,7 +39,7 @@ from .sunlit_error import NOTHING_DRAWN, CoverageError, ErrorScale
 _EXCESS = 0.5
 # Mean width [px] of penumbras that reach beyond the facets in which their edges are: rays draw all of the image.
 _WIDE_PX = 3.0
-# Cells that a facet covers, below which it is far smaller than one.
+# Cells that a facet covers, below which it is far smaller than one: a round choice.
 _FINE = 0.15
 
 

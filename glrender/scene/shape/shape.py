@@ -17,7 +17,7 @@ from .edges import Edges
 from .facet_geometry import FacetSizes, area_vectors, longest_sides, renumbered
 from .files import MAX_FACETS, own_unit, read_shape_file
 from .materials import FileMaterial
-from .shells import WELD_RTOL, are_all_different, of_one_diagonal, seams, turned, wound
+from .shells import WELD_RTOL, are_all_different, in_pairs, of_one_diagonal, seams, turned, wound
 
 _log = logging.getLogger(__name__)
 
@@ -465,11 +465,8 @@ def _without_copies(facets: np.ndarray) -> tuple[np.ndarray, int, int]:
 
 def _other_sides(facets: np.ndarray) -> np.ndarray:
     """Number (F,) of the facet that is the other side of each, or -1."""
-    _, same, count = np.unique(np.sort(facets, axis=1), axis=0, return_inverse=True, return_counts=True)
-    order = np.argsort(same.ravel(), kind="stable")
-    first = (np.cumsum(count) - count)[count == 2]
-    found = np.full(len(facets), -1)
-    found[order[first]], found[order[first + 1]] = order[first + 1], order[first]
+    found, (one, two) = np.full(len(facets), -1), in_pairs(np.sort(facets, axis=1))
+    found[one], found[two] = two, one
     return found
 
 

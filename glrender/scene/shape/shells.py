@@ -117,10 +117,7 @@ def of_one_diagonal(vertices: np.ndarray, facets: np.ndarray, edges: Edges
     is_flat = ((np.einsum("ij,ij->i", normal, other) > 0.0)
                & (np.abs(np.einsum("ij,ij->i", normal, s - p)) <= _TOUCH_RTOL * longest * area))
     chosen, normal = chosen[is_flat], normal[is_flat]
-    _, same, count = np.unique(quad[chosen], axis=0, return_inverse=True, return_counts=True)
-    order = np.argsort(same.ravel(), kind="stable")
-    begin = (np.cumsum(count) - count)[count == 2]
-    one, two = order[begin], order[begin + 1]
+    one, two = in_pairs(quad[chosen])
     turned = np.einsum("ij,ij->i", normal[one], normal[two]) < 0.0
     one, two = chosen[one[turned]], chosen[two[turned]]
     if not len(one):
@@ -190,6 +187,14 @@ def are_all_different(rows: np.ndarray) -> bool:
     return not len(_repeated(_hashed(rows)))
 
 
+def in_pairs(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Numbers (M,), (M,) of rows (N, K), of which each is there just twice: the first and the second."""
+    _, same, count = np.unique(rows, axis=0, return_inverse=True, return_counts=True)
+    order = np.argsort(same.ravel(), kind="stable")
+    first = (np.cumsum(count) - count)[count == 2]
+    return order[first], order[first + 1]
+
+
 def _repeated(numbers: np.ndarray) -> np.ndarray:
     """Numbers that occur more than once among some numbers (N,)."""
     numbers = np.sort(numbers)
@@ -209,8 +214,9 @@ def _are_twins(facets: np.ndarray) -> np.ndarray:
     """Facets (F,) whose other side is there too; none is there twice with the same side."""
     if are_all_different(np.sort(facets, axis=1)):
         return np.zeros(len(facets), bool)
-    _, same, count = np.unique(np.sort(facets, axis=1), axis=0, return_inverse=True, return_counts=True)
-    return count[same.ravel()] == 2
+    is_twin = np.zeros(len(facets), bool)
+    is_twin[np.concatenate(in_pairs(np.sort(facets, axis=1)))] = True
+    return is_twin
 
 
 def _n_pieces(facets: np.ndarray) -> int:
