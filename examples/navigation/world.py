@@ -9,12 +9,14 @@ from typing import Any
 import numpy as np
 from glrender import (
     Body,
+    Comparison,
     PinholeCamera,
     Pose,
     Renderer,
     Scene,
     Shape,
     State,
+    compare_frame,
     draw_still,
     frames,
     generate,
@@ -37,6 +39,7 @@ class Reply:
 
     pixels: np.ndarray
     arrays: dict[str, np.ndarray]
+    comparison: Comparison | None = None
 
 
 class Local:
@@ -52,8 +55,11 @@ class Local:
         self._renderer.close()
 
     def render(self, state: Any, *, output: str = "irradiance", products: Any = (), roi: Any = None,
-               **options: Any) -> Reply:
+               compare: np.ndarray | None = None, robust: bool = False, **options: Any) -> Reply:
         state, options = _state(state), {**self._options, **options}
+        if compare is not None:
+            return Reply(compare, {}, compare_frame(self._renderer, state, frame_DN=compare, roi=roi, is_robust=robust,
+                                                    **options))
         if output == "dn":
             capture = take_frame(self._renderer, state, products=products, **options)
             return Reply(capture.frame.dn, capture.products)

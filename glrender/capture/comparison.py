@@ -217,7 +217,7 @@ class _Predicted:
     def changes_DN(self, jacobian: Any, names: Sequence[str]) -> tuple[list[np.ndarray], list[str], list[str]]:
         """Changes (h, w) [DN] by each parameter, its name and unit."""
         changes: list[np.ndarray] = []
-        told: list[str] = []
+        labels: list[str] = []
         units: list[str] = []
         for name in names:
             x0, y0, x1, y1 = jacobian.roi
@@ -225,10 +225,10 @@ class _Predicted:
             whole[:, y0:y1, x0:x1] = jacobian[name]
             changes += [*(self._gain_DN * changed_electrons(self._model, whole, self.exposure_s,
                                                             **self._options)[self._box].astype(np.float64))]
-            told += [f"{name}[{k}]" if len(whole) > 1 else name for k in range(len(whole))]
+            labels += [f"{name}[{k}]" if len(whole) > 1 else name for k in range(len(whole))]
             units += {"sun": ["rad", "rad"], "focal_length": ["px"]}.get(
                 name, ["1"] if name.startswith("law.") else _POSE_UNITS)
-        return changes, told, units
+        return changes, labels, units
 
     def variance_DN2(self, gain: float) -> np.ndarray:
         """Variance (h, w) of the digital numbers, of light by a factor."""

@@ -9,7 +9,7 @@ from typing import Any
 
 import cv2
 import numpy as np
-from glrender import PinholeCamera, Scene, State, draw_still, take_frame
+from glrender import PinholeCamera, Scene, State, compare_frame, draw_still, take_frame
 from glrender.base.errors import error_path
 from glrender.scenario import Belief, CameraBelief
 from glrender_camera import BrownConrady
@@ -75,8 +75,12 @@ def render_of(renderer: Any, camera: str, max_error: float) -> Callable[..., Any
     """
 
     def render(state: Any, *, output: str = "irradiance", products: tuple[str, ...] = (), roi: Any = None,
-               **options: Any) -> SimpleNamespace:
+               compare: np.ndarray | None = None, robust: bool = False, **options: Any) -> SimpleNamespace:
         state = state if isinstance(state, State) else State.from_dict(state)
+        if compare is not None:
+            options = {"max_error": max_error, **options}
+            return SimpleNamespace(comparison=compare_frame(renderer, state, camera, frame_DN=compare, roi=roi,
+                                                            is_robust=robust, **options))
         options = {"max_error": max_error, "products": products, **options}
         if output == "dn":
             capture = take_frame(renderer, state, camera, **options)

@@ -106,7 +106,7 @@ def test_a_servers_client_is_an_on_board_renderer(tmp_path):
         camera = Camera.from_hello(client.hello()["cameras"][0], psf_sigma_px=0.5)
         frame = client.render(state, camera="navcam", output="dn", exposure_s=3e-7, seed=1).pixels
         render = functools.partial(client.render, camera="navcam")
-        for name in ("limb_shape", "templates"):
+        for name in ("limb_shape", "templates", "all_pixels"):
             estimator = ESTIMATORS[name](camera, BelievedBody(name="body", mean_radius_m=80.0))
             found = estimator.measure(frame, believed, render)
             assert found is not None, estimator.reason
@@ -152,7 +152,7 @@ def test_beams_on_a_plane_are_exact_along_its_normal():
     assert estimator.measure([np.nan, np.nan], state, render) is None and "none of 2 beams" in estimator.reason
 
 
-@pytest.mark.parametrize("name", [*BOUNDS, "pose"])
+@pytest.mark.parametrize("name", [*BOUNDS, "pose", "all_pixels"])
 def test_a_frame_that_shows_nothing_gives_a_reason(flown, name):
     """Dark, saturated, one value, noise alone, no numbers; and a believed body that is not in the image."""
     true, believed, frame = flown.views[0]
@@ -172,7 +172,7 @@ def test_a_frame_that_shows_nothing_gives_a_reason(flown, name):
         assert estimator.measure(bad, believed, flown.board.render) is None
         assert reason in estimator.reason and estimator.reason
     here = sight(believed, flown.camera, "body").r_body_camera_m
-    if name in ("limb_shape", "templates", "landmarks", "pose"):
+    if name in ("limb_shape", "templates", "landmarks", "pose", "all_pixels"):
         for place in ([3.0 * here[2], 0.0, here[2]], -here):
             away = moved(believed, flown.camera, "body", place)
             assert estimator.measure(frame, away, flown.board.render) is None
@@ -181,7 +181,7 @@ def test_a_frame_that_shows_nothing_gives_a_reason(flown, name):
         estimator.measure(frame[:-1], believed, flown.board.render)
 
 
-@pytest.mark.parametrize("name", [*BOUNDS, "pose"])
+@pytest.mark.parametrize("name", [*BOUNDS, "pose", "all_pixels"])
 def test_a_faulty_frame_gives_a_measurement_or_a_reason(flown, name):
     """Lost, shifted and garbled lines, lost blocks, noise, dead columns, another place: never an exception."""
     rng, estimator = np.random.default_rng(7), ESTIMATORS[name](flown.camera, flown.body)

@@ -76,7 +76,7 @@ def kind(request, world):
 
 
 LEAST_FOUND = {"limb_ellipse": 0.6, "limb_shape": 0.6, "templates": 0.6, "landmarks": 0.15, "pose": 0.0,
-               "sphere": 0.0, "model": 0.0}
+               "sphere": 0.0, "model": 0.0, "all_pixels": 0.6}
 """Share of each kind's frames in which an estimator finds the body, whatever the noise; a sphere has no features.
 
 Of the six frames that cut the body, two show landmarks as many features as they need; noise may hide those of one.

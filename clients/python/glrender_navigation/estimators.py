@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from .all_pixels import AllPixels
 from .altimeter import Altimeter
 from .body import BelievedBody
 from .brightness import Model, Sphere
@@ -17,5 +18,5 @@ from .templates import Templates
 
 ESTIMATORS: dict[str, Callable[[Camera, BelievedBody], Estimator]] = {
     estimator.name: estimator for estimator in (
-        Sphere, Model, LimbEllipse, LimbShape, Templates, Landmarks, PoseByFeatures, Altimeter)}
+        Sphere, Model, LimbEllipse, LimbShape, Templates, Landmarks, PoseByFeatures, AllPixels, Altimeter)}
 """Name -> factory of a camera and a body."""
