@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -29,6 +29,8 @@ FRAME_DTYPES = ("uint8", "uint16", "float32", "float64")
 """Kinds of numbers that a frame may come in."""
 MAX_BLUR_PX = 64.0
 """Widest blur of a comparison [px]: a smaller camera shows as much of what is wider."""
+MAX_DN = 1e9
+"""Largest digital number that is compared [DN], of either sign: detectors have 16 bits, sums of frames a few more."""
 UNITS = {"gain": "1", "offset": "DN"}
 _POSE_UNITS = ("m", "m", "m", "rad", "rad", "rad")
 # Weights follow the gain, and outliers the weights: a fourth turn changes both by less than 1e-3.
@@ -59,7 +61,8 @@ class Comparison:
     n_pixels : int
         Pixels that count: full ones do not.
     gain : float [1]
-        Best factor on the predicted light at this state; 1 where it is known.
+        Best factor on the predicted light at this state; 1 where it is known. Where the best is not above zero, as the
+        frame's light is elsewhere, it is the factor of the whole frames' light.
     offset_DN : float [DN]
         Best level above the detector's own; 0 where it is known.
     exposure_s : float [s]
@@ -135,6 +138,8 @@ def compare_frame(renderer: Any, state: State, camera: str | None = None, *, fra
     longest_s = model.auto_exposure.max_s if exposure == "auto" else exposure
     check_still(pinhole, moves(state, 0.5 * longest_s))
     derivatives = checked_derivatives(derivatives, scene)
+    if not derivatives:
+        raise ConfigError("derivatives", "must name one parameter at least", derivatives, 'as ["spacecraft"]')
     blur_px = within("blur_px", blur_px, 0.0, MAX_BLUR_PX)
     box = (0, 0, pinhole.width_px, pinhole.height_px) if roi is None else checked_region(roi, pinhole)
     frame = checked_frame(frame_DN, (box[3] - box[1], box[2] - box[0]))
@@ -171,9 +176,9 @@ def checked_frame(frame_DN: object, shape: tuple[int, int]) -> np.ndarray:
     if frame.shape != shape:
         raise ConfigError("compare", f"must have the shape {shape} (height, width) of the camera's frame, or of roi",
                           frame.shape, "give the frame of this camera, or roi, the part of it that this is")
-    if not np.isfinite(frame).all():
-        raise ConfigError("compare", "must have finite numbers", f"{np.count_nonzero(~np.isfinite(frame))} pixels that "
-                          "are not", "give lost pixels the camera's largest digital number: full pixels do not count")
+    if n_odd := np.count_nonzero(~(np.abs(frame.astype(np.float64)) <= MAX_DN)):
+        raise ConfigError("compare", f"must have finite numbers within {MAX_DN:g} DN", f"{n_odd} pixels that have none",
+                          "give lost pixels the camera's largest digital number: full pixels do not count")
     return frame.astype(np.float64)
 
 
@@ -267,10 +272,11 @@ class _Fit:
             weights = counts / (variance.mean() if blur_px else variance)
             if is_robust and turn:
                 weights = weights * _huber(seen - gain * image - offset * even, weights, image)
-            found = dict(zip(unknown, _solved([looks[name] for name in unknown],
-                                              seen - (0.0 if "gain" in unknown else image), weights), strict=True))
-            gain = found["gain"] if found.get("gain", 0.0) > 0.0 else gain
-            offset = found.get("offset", 0.0)
+            found = _solved(looks, unknown, seen, weights, {"gain": gain, "offset": 0.0})
+            if not found["gain"] > 0.0:  # light that is not the predicted one's
+                found = _solved(looks, [name for name in unknown if name != "gain"], seen, weights,
+                                {"gain": gain, "offset": 0.0})
+            gain, offset = found["gain"], found["offset"]
         return cls(gain=gain, offset_DN=offset, counts=counts, root_weights=np.sqrt(weights), blur_px=blur_px,
                    rest=seen - gain * image - offset * even, looks=[looks[name] for name in unknown])
 
@@ -291,13 +297,16 @@ def _ratio(seen_DN: np.ndarray, light_DN: np.ndarray) -> float:
     return above / total if total > 0.0 and above > 0.0 else 1.0
 
 
-def _solved(looks: Sequence[np.ndarray], seen: np.ndarray, weights: np.ndarray) -> list[float]:
-    """Weighted factors of images whose sum is nearest to another; none of dark ones."""
-    if not looks:
-        return []
-    matrix = np.array([[np.einsum("ij,ij,ij->", a, b, weights) for b in looks] for a in looks])
-    vector = np.array([np.einsum("ij,ij,ij->", a, seen, weights) for a in looks])
-    return (np.linalg.pinv(matrix, hermitian=True) @ vector).tolist()
+def _solved(looks: Mapping[str, np.ndarray], free: Sequence[str], seen: np.ndarray, weights: np.ndarray,
+            known: Mapping[str, float]) -> dict[str, float]:
+    """Factors of images whose sum is nearest to another by weights: those that are free, and 0 of dark ones."""
+    if not free:
+        return dict(known)
+    rest = seen - sum(known[name] * image for name, image in looks.items() if name not in free)
+    matrix = np.array([[np.einsum("ij,ij,ij->", looks[a], looks[b], weights) for b in free] for a in free])
+    vector = np.array([np.einsum("ij,ij,ij->", looks[name], rest, weights) for name in free])
+    found = (np.linalg.pinv(matrix, hermitian=True) @ vector).tolist()
+    return {**known, **dict(zip(free, found, strict=True))}
 
 
 def _huber(rest: np.ndarray, weights: np.ndarray, light: np.ndarray) -> np.ndarray:

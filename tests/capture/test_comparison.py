@@ -132,12 +132,24 @@ def test_in_the_dark_nothing_is_known(renderer):
     assert not found.matrix[:7].any() and found.gain == 1.0 and found.warnings
 
 
+@pytest.mark.parametrize("blur_px", [0.0, 3.0])
+def test_a_frame_without_the_bodys_light_or_with_none_that_counts(renderer, blur_px):
+    """Even numbers: a level explains all but the predicted light; full ones do not count."""
+    even = compare_frame(renderer, STATE, frame_DN=np.full((40, 40), 75.0), blur_px=blur_px)
+    assert even.gain > 0.0 and np.isfinite(even.chi2) and np.isfinite(even.matrix).all()
+    full = compare_frame(renderer, STATE, frame_DN=np.full((40, 40), 4095, np.uint16), blur_px=blur_px, is_robust=True)
+    assert full.n_pixels == 0 and full.chi2 == 0.0 and not full.matrix.any()
+
+
 @pytest.mark.parametrize(("options", "path", "text"), [
     ({"frame_DN": np.zeros((40, 39))}, "compare", r"shape \(40, 40\).*roi"),
     ({"frame_DN": np.zeros((40, 40), np.int64)}, "compare", "uint16.*int64"),
     ({"frame_DN": np.full((40, 40), np.nan)}, "compare", "finite.*1600 pixels.*full pixels"),
     ({"derivatives": ["spacecaft"]}, "derivatives[0]", "spacecraft"),
     ({"unknown": ["gian"]}, "unknown[0]", "gain"),
+    ({"unknown": ["gain", "gain"]}, "unknown[1]", "once"),
+    ({"derivatives": []}, "derivatives", "one parameter"),
+    ({"frame_DN": np.full((40, 40), -1e300)}, "compare", "within 1e[+]09 DN.*1600 pixels"),
     ({"blur_px": -1.0}, "blur_px", "between 0 and 64"),
     ({"roi": (0, 0, 50, 40)}, "roi[2]", "40"),
     ({"exposure_s": "auto", "unknown": ()}, "exposure_s", "gain"),

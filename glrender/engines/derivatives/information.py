@@ -240,4 +240,6 @@ def checked_unknown(unknown: Iterable[str]) -> tuple[str, ...]:
         if name not in UNKNOWN:
             raise ConfigError(f"unknown[{index}]", f"must be one of {', '.join(UNKNOWN)}", name,
                               did_you_mean(name, UNKNOWN))
+        if name in names[:index]:
+            raise ConfigError(f"unknown[{index}]", "must be named once", name)
     return names
