@@ -19,7 +19,7 @@ from .detail.height_field import Relief
 from .shape.convex_hull import Hull
 from .shape.equirectangular import corner_coordinates, left_edge_of
 from .shape.shape import Shape
-from .shape.textures import read_texture, repeated
+from .shape.textures import laid, read_texture
 
 NO_COORDINATES = ('of a map of longitudes and latitudes say albedo_projection = { kind = "equirectangular", '
                   'left_edge_deg = -180.0 }; else leave it out, or take a shape that has them (`vt` of an OBJ)')
@@ -171,7 +171,7 @@ class Body:
         material, shape = self.shape.materials[number], self.shape.part(self.looks == number)
         with error_path(f"materials.{material.name}"):
             if (image := material.albedo_map) is not None and shape.uv is not None:
-                image, uv = repeated(image, shape.uv)
+                image, uv = laid(image, shape.uv, material.wraps)
                 shape = replace(shape, uv=uv)
             law = (self.materials or {})[material.name]
             made = replace(self, shape=shape, brdf=law, materials=None, albedo_map=image)

@@ -212,6 +212,33 @@ def test_coordinates_are_repeated_and_transformed(tmp_path):
     np.testing.assert_allclose(corners, np.stack([SHEET_UV[:, 1], SHEET_UV[:, 0]], axis=1), atol=1e-6)
 
 
+WRAPS = {10497: lambda at, n: at % n, 33071: lambda at, n: np.clip(at, 0, n - 1),
+         33648: lambda at, n: np.where(at % (2 * n) < n, at % n, n - 1 - at % n)}
+
+
+@pytest.mark.parametrize("wrap_u", WRAPS)
+@pytest.mark.parametrize("wrap_v", WRAPS)
+def test_images_go_on_as_their_sampler_says(tmp_path, wrap_u, wrap_v):
+    """REPEAT, CLAMP_TO_EDGE and MIRRORED_REPEAT of glTF 2.0, 5.26, by texels between which is straight; v downwards."""
+    image = np.random.default_rng(4).integers(0, 256, (3, 4), dtype=np.uint8)
+    uv = SHEET_UV * [3.4, 2.9] - [1.2, 1.6]
+    given = material("m", baseColorTexture={"index": 0})
+    body = opened(glb(tmp_path / "a.glb", [sheet(0, uv=uv)], [given], [png(image)],
+                      textures=[{"source": 0, "sampler": 0}], samplers=[{"wrapS": wrap_u, "wrapT": wrap_v}]))
+    (part,), weights = body.parts, np.random.default_rng(5).dirichlet((1.0, 1.0, 1.0), 300)
+    place = weights @ part.shape.vertices_m[part.shape.facets[1]]
+    u, v = ((place[:, 0] + 0.5) * 3.4 - 1.2) * 4 - 0.5, ((0.5 - place[:, 1]) * 2.9 - 1.6) * 3 - 0.5
+    values, low = np.array([[linear(x / 255.0) for x in row] for row in image]), (np.floor(v), np.floor(u))
+    # REPEAT is held within half a texel of an image's upper and lower edge.
+    is_inside = (wrap_v != 10497) | (np.abs((v + 0.5) / 3 - np.round((v + 0.5) / 3)) > 1 / 6)
+    truth = sum(abs(1 - row - (v - low[0])) * abs(1 - column - (u - low[1])) * values[
+        WRAPS[wrap_v](low[0].astype(int) + row, 3), WRAPS[wrap_u](low[1].astype(int) + column, 4)]
+        for row in (0, 1) for column in (0, 1))
+    got = Surface(part).albedo_scale(np.ones(300, int), weights)
+    np.testing.assert_allclose(got[is_inside], truth[is_inside], atol=2e-6)
+    assert is_inside.sum() > 150
+
+
 def test_of_metal_and_roughness_the_mean_is_taken_and_told(tmp_path):
     """Roughness is the image's green, metalness its blue, both linear (section 3.9.2)."""
     image = np.zeros((2, 2, 3), np.uint8)
@@ -314,6 +341,30 @@ def test_facets_before_the_first_usemtl_have_none(tmp_path):
         opened(obj(tmp_path, first="f 1 3 4\n"))
 
 
+def test_names_may_have_a_hash_and_a_bare_usemtl_ends_a_material(tmp_path):
+    """`Material #25` is a usual name: cut off there, all such are one."""
+    (tmp_path / "two.mtl").write_text("newmtl mat#1 # one\nKd 0.1 0.1 0.1#\n# Kd 1 1 1\nnewmtl mat #2\n\tkd 0.9\n")
+    text = "mtllib two.mtl # here\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nusemtl mat#1\nf 1 2 3#\nusemtl mat #2 # two\n"
+    (tmp_path / "a.obj").write_text(text + "f 1 3 4\n")
+    body = opened(tmp_path / "a.obj")
+    assert {name: law.normal_albedo for name, law in body.materials.items()} == {"mat#1": 0.1, "mat #2": 0.9}
+    (tmp_path / "a.obj").write_text(text + "usemtl\nf 1 3 4\n")
+    with pytest.raises(ConfigError, match="materials.without usemtl: missing"):
+        opened(tmp_path / "a.obj")
+
+
+@pytest.mark.parametrize("statements, note", [
+    ("Ka 1 1 1\nKd 0.5\nKs 0 0 0\nKe 0 0 0\nNi 1.45\nillum 2\nTf 1 1 1\nTr 0\nd 1\nPm 0\n", None),
+    ("Kd 0.5\nKe 0.1 0 0\nmap_d -clamp on a.png\nd -halo 0.5\nTf 0.5 0.5 0.5\ndisp b.png\nPr 0.5\n",
+     "material m: Ke, map_d, d, Tf, disp, Pr left out; Kd alone"),
+    ("Ns 5\n", "material m: Ns left out"), ("Ka 1 1 1\n", "material m: without Kd it is drawn with 0.8")])
+def test_statements_that_are_not_drawn_are_told_of_an_mtl(tmp_path, statements, note):
+    (tmp_path / "a.mtl").write_text("newmtl m\n" + statements)
+    (tmp_path / "a.obj").write_text("mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl m\nf 1 2 3\n")
+    notes = [text for text in opened(tmp_path / "a.obj").shape.report.warnings if text.startswith("material")]
+    assert not notes if note is None else any(text.startswith(note) for text in notes)
+
+
 # Bad input
 
 
@@ -336,6 +387,11 @@ def with_image(**more):
     ([material("m", baseColorFactor=[2, 0, 0, 1])], [], {}, r"baseColorFactor: must be within 0\.\.1"),
     ([material("m", baseColorFactor=[1, 0, 0])], [], {}, "baseColorFactor: must be 4 numbers"),
     ([{"pbrMetallicRoughness": 3}], [], {}, "pbrMetallicRoughness: must be an object, got 3"),
+    (with_image(), [png(np.zeros((2, 2), np.uint8))], {"textures": [{"source": 0, "sampler": 0}]},
+     r"baseColorTexture\.sampler: must be a number below 0, got 0"),
+    (with_image(), [png(np.zeros((2, 2), np.uint8))],
+     {"textures": [{"source": 0, "sampler": 0}], "samplers": [{"wrapS": 7}]},
+     r"baseColorTexture\.samplers: must wrap by one of 10497, 33071, 33648, got 7"),
     (with_image(texCoord=1), [png(np.zeros((2, 2), np.uint8))], {}, "must have TEXCOORD_1.*'m'"),
     (with_image(), [png(np.zeros((2, 2), np.uint8))], {"extensionsRequired": ["KHR_draco_mesh_compression"]},
      "extensionsRequired: must be known.*KHR_draco_mesh_compression")])

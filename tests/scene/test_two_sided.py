@@ -8,7 +8,9 @@ import views
 from glrender import Body, Pose, Scene, Shape, State, frames, open_renderer
 from glrender.base.constants import AU_M
 from glrender.base.errors import ConfigError
-from glrender.brdf import Lambert
+from glrender.brdf import Lambert, LommelSeeliger
+from glrender.engines.cycles import Cycles
+from glrender.engines.cycles.backend import has_two_faces
 from glrender.engines.cycles.blender_terms import BlenderTerms
 from glrender.engines.rays.laser_ranges import laser_ranges
 from solids import box
@@ -205,6 +207,37 @@ def test_a_back_hides_nothing_and_casts_its_shadow(n_across, backend, options):
     middle_m = np.linalg.norm([33.0, 0.0, 35.0])
     np.testing.assert_allclose(image.products["range"][32, 32], middle_m, rtol=1e-5)
     np.testing.assert_allclose(laser_ranges(scene, ACROSS, [0.0, 0.0, 1.0]).range_m, middle_m, rtol=1e-9)
+
+
+@pytest.mark.usefixtures("blender")
+@pytest.mark.parametrize("law", [GREY, pytest.param(LommelSeeliger(single_scattering_albedo=0.3),
+                                                    marks=pytest.mark.slow)], ids=["Lambert", "OSL"])
+def test_blender_looks_through_a_back_as_well(law):
+    """It drew both sides of each facet: the sheet in place of the wall. A sheet of two sides is seen from either."""
+    made = before_a_wall(1)
+    scene = views.scene([Body(name="body", shape=made.shape, brdf=law)], [views.camera(65, 500.0)], sun_disc=False)
+    with open_renderer(scene, "cycles", bounces=0) as cycles, open_renderer(scene, "raytrace") as rays:
+        light = cycles.render(ACROSS, samples=8).irradiance_W_m2
+        truth = wall_alone(scene.cameras[0]) if law is GREY else rays.render(ACROSS, samples=8).irradiance_W_m2
+    assert views.relative_rms(light, truth) < 0.02
+    np.testing.assert_allclose(light.sum(dtype=float), truth.sum(), rtol=2e-3)
+    both = Body(name="body", shape=Shape.from_arrays(*panel(), sides="both"), brdf=law)
+    with open_renderer(views.scene([both], [views.camera(64, 300.0)]), "cycles", bounces=2) as cycles:
+        for side in (-1.0, 1.0):
+            assert cycles.render(looking(side, 20.0), samples=4).irradiance_W_m2[32, 32] > 0.0
+
+
+def test_blender_refuses_a_sheet_of_another_image_behind():
+    """Of two facets in one place Blender draws either, so both must have the same texture coordinates."""
+    places, sheet = panel()
+    facets = np.concatenate([sheet, sheet[:, ::-1]])
+    uv = (places[facets][..., :2] + [0.0, 1.0]) / [6.0, 2.0]
+    other = np.where(np.arange(len(facets))[:, None, None] < len(sheet), uv, 0.5 * uv)
+    same, differs = (Body(name="body", shape=Shape.from_arrays(places, facets, uv=each), brdf=GREY,
+                          albedo_map=np.ones((2, 2))) for each in (uv, other))
+    assert not has_two_faces(same)
+    with pytest.raises(ConfigError, match="^albedo_map: must be the same on both sides of a sheet.*, got 'body'; "):
+        Cycles(views.scene([differs], [views.camera()]))
 
 
 OPEN_BOX = (box((-0.5,) * 3, (0.5,) * 3)[0], box((-0.5,) * 3, (0.5,) * 3)[1][2:])

@@ -19,6 +19,7 @@ from ...brdf import Lambert
 from ...planner.adaptive_samples import frame_error
 from ...planner.predicted import rms_tolerance
 from ...scene.scene import Body, Scene
+from ...scene.shape.shape import Shape
 from ...scene.tolerance import checked_max_error
 from ...view.regions import region, touching
 from ...view.state import State
@@ -77,7 +78,8 @@ class Cycles:
                               "the backends raytrace and auto draw them with every law")
         for body in self.scene.bodies:
             if has_two_faces(body):
-                raise ConfigError("materials", "must be the same on both sides of a sheet in the backend cycles",
+                raise ConfigError("albedo_map" if body.materials is None else "materials",
+                                  "must be the same on both sides of a sheet in the backend cycles",
                                   body.name, "the backends raytrace and auto draw each side's own")
         self._blender: BlenderProcess | None = None
         self._rays: RayEngine | None = None
@@ -267,6 +269,20 @@ def _part_of(on_progress: Callable[[float], None] | None, index: int, count: int
 
 def has_two_faces(body: Body) -> bool:
     """Whether a sheet of a body has another look on its other side: Blender would draw either of the two."""
-    other = body.shape.other_side
-    return other is not None and body.materials is not None and bool(
-        (body.looks != body.looks[other])[other >= 0].any())
+    shape, other = body.shape, body.shape.other_side
+    if other is None:
+        return False
+    sheet = np.flatnonzero(other >= 0)
+    if body.materials is not None and (body.looks[sheet] != body.looks[other[sheet]]).any():
+        return True
+    mapped = np.concatenate([sheet[:0], *(np.intersect1d(sheet, body.facets_of(part)) for part in body.parts
+                                          if part.albedo_map is not None)])
+    return bool((_uv_by_vertex(shape, mapped) != _uv_by_vertex(shape, other[mapped])).any())
+
+
+def _uv_by_vertex(shape: Shape, facet: np.ndarray) -> np.ndarray:
+    """Texture coordinates of facets' corners in the order of their vertices' numbers; nothing without."""
+    if shape.uv is None:
+        return np.zeros(0)
+    order = np.argsort(shape.facets[facet], axis=1)
+    return np.take_along_axis(shape.uv[facet], order[..., None], axis=1)

@@ -134,6 +134,9 @@ def _arrays(body: Body, origin_m: np.ndarray, unit_m: float) -> dict[str, np.nda
         kept = kept[(shape.other_side < 0) | (kept < shape.other_side)]
     arrays = {"vertices": ((shape.vertices_m - origin_m) / unit_m).astype(np.float32),
               "facets": shape.facets[kept].astype(np.int32)}
+    if not shape.report.is_watertight or shape.inside:
+        other = shape.other_side
+        arrays["one_sided"] = np.float32(np.ones(len(kept)) if other is None else other[kept] < 0)
     if body.smooth_normals:
         arrays["normals"] = shape.vertex_normals.astype(np.float32)
     if body.albedo_map is not None:

@@ -14,7 +14,7 @@ from ..plugins.registry import shape_readers
 from .file_mesh import FileMesh
 from .glb_files import read_glb
 from .materials import FileMaterial
-from .mtl_files import NO_MATERIAL, read_mtl
+from .mtl_files import NO_MATERIAL, name_of_material, read_mtl
 from .off_files import read_off
 from .ply_files import read_ply
 from .polygons import MAX_CORNERS, triangulated
@@ -25,6 +25,8 @@ MAX_FACETS = 20_000_000
 _OTHER_SURFACES = ("surf", "curv", "curv2", "cstype", "call", "csh")
 # Numbers of a vertex in OBJ: a place, with a weight, with a colour, with both.
 _VERTEX_WIDTHS = (3, 4, 6, 7)
+# Comments, but in names of materials.
+_COMMENT = re.compile(r"^[ \t]*(?:usemtl|mtllib)\b[^\r\n]*|#[^\r\n]*", re.MULTILINE)
 _FORTRAN = str.maketrans("dD", "eE")
 # Bytes of a file that no facet count within the limit explains.
 _MAX_BYTES = 4 * 1024**3
@@ -120,14 +122,14 @@ def _obj(path: Path, max_facets: int) -> FileMesh:
     vertex_rows, texture_rows, faces, libraries, uses = [], [], [], [], []
     text = _text(path)
     if "#" in text:
-        text = re.sub("#[^\r\n]*", "", text)
+        text = _COMMENT.sub(lambda found: "" if found[0][0] == "#" else found[0], text)
     if "\\" in text:  # a statement goes on in the next line
         text = re.sub(r"\\[ \t]*\r?\n", " ", text)
     for line in text.splitlines():
         words = line.split(None, 1)
-        if len(words) < 2:
+        if len(words) < 2 and words != ["usemtl"]:
             continue
-        key, rest = words
+        key, rest = (*words, "")[:2]
         if key == "v":
             vertex_rows.append(rest)
         elif key == "vt":
@@ -135,9 +137,9 @@ def _obj(path: Path, max_facets: int) -> FileMesh:
         elif key == "f":
             faces.append((rest, len(vertex_rows), len(texture_rows)))
         elif key == "usemtl":
-            uses.append((len(faces), rest.strip()))
+            uses.append((len(faces), name_of_material(rest) or NO_MATERIAL))
         elif key == "mtllib":
-            libraries.append(rest.strip())
+            libraries.append(name_of_material(rest))
         elif key in _OTHER_SURFACES:
             raise ShapeError("", f"has a statement `{key}` of a surface that is no polygon, or of another file",
                              line.strip(), "export it as polygons, in one file")

@@ -16,13 +16,15 @@ from ...base.errors import ShapeError, error_path
 from ...brdf import Microfacet
 from .glb_json import entry_at, extension, listed, table_in
 from .materials import FileMaterial, distinct, grey_of
-from .textures import MAX_TEXTURE_PX, channel_means, image_pixels
+from .textures import HELD, MAX_TEXTURE_PX, MIRRORED, REPEATED, channel_means, image_pixels
 
 _EXPORT = "export it as one .glb with all its images"
 # The least roughness that the law has: a narrower lobe is narrower than the Sun.
 _LEAST_ROUGHNESS = 0.1
 # The extension by which a material's colours are elsewhere.
 _OTHER_COLOURS = "KHR_materials_pbrSpecularGlossiness"
+# How textures go on beyond their edges, and how those do that do not say it.
+_WRAPS, _USUAL_WRAP = {10497: REPEATED, 33071: HELD, 33648: MIRRORED}, 10497
 # Most characters of a name.
 _LONGEST_NAME = 100
 
@@ -65,7 +67,7 @@ def read_materials(about: dict, image_bytes: Callable[[object], bytes]) -> list[
     tables = listed(about, "materials")
     names = distinct([str(table.get("name") or f"material {number}")[:_LONGEST_NAME] for number, table
                       in enumerate(tables)] + ["default"])
-    images, made = _Images(*(listed(about, key) for key in ("textures", "images")), image_bytes), []
+    images, made = _Images(*(listed(about, key) for key in ("textures", "images", "samplers")), image_bytes), []
     for number, (table, name) in enumerate(zip([*tables, {}], names, strict=True)):
         with error_path(f"materials[{number}]"):
             made.append(_material(table, name, images))
@@ -77,12 +79,13 @@ class _Images:
 
     Parameters
     ----------
-    textures, images : list of dict
+    textures, images, samplers : list of dict
     image_bytes : callable
     """
 
-    def __init__(self, textures: list[dict], images: list[dict], image_bytes: Callable[[object], bytes]):
-        self._textures, self._images, self._image_bytes = textures, images, image_bytes
+    def __init__(self, textures: list[dict], images: list[dict], samplers: list[dict],
+                 image_bytes: Callable[[object], bytes]):
+        self._textures, self._images, self._samplers, self._image_bytes = textures, images, samplers, image_bytes
         self._read: dict[int, bytes] = {}
         self._means: dict[int, np.ndarray] = {}
         self._n_pixels = 0
@@ -90,6 +93,16 @@ class _Images:
     def of(self, texture: dict) -> bytes:
         """The bytes of a texture's image."""
         return self._read[self._number(texture)]
+
+    def wraps(self, texture: dict) -> tuple[str, str]:
+        """How a texture goes on along u and v."""
+        entry = entry_at(self._textures, texture.get("index"), "index", _EXPORT)
+        sampler = entry_at(self._samplers, entry["sampler"], "sampler", _EXPORT) if "sampler" in entry else {}
+        given = [sampler.get(key, _USUAL_WRAP) for key in ("wrapS", "wrapT")]
+        for value in given:
+            if value not in _WRAPS:
+                raise ShapeError("samplers", f"must wrap by one of {', '.join(map(str, _WRAPS))}", value)
+        return _WRAPS[given[0]], _WRAPS[given[1]]
 
     def means(self, texture: dict) -> np.ndarray:
         """Means (3,) of its channels."""
@@ -134,7 +147,7 @@ def _material(table: dict, name: str, images: _Images) -> GlbMaterial:
         about = table_in(table, "pbrMetallicRoughness")
         colour = _factors(about, "baseColorFactor", (1.0, 1.0, 1.0, 1.0))[:3]
         (metalness,), (roughness,) = (_factors(about, key, (1.0,)) for key in ("metallicFactor", "roughnessFactor"))
-        image, laid = None, {}
+        image, wraps, laid = None, (REPEATED, REPEATED), {}
         try:
             if "metallicRoughnessTexture" in about:
                 texture = table_in(about, "metallicRoughnessTexture")
@@ -145,7 +158,7 @@ def _material(table: dict, name: str, images: _Images) -> GlbMaterial:
             if "baseColorTexture" in about:
                 texture = table_in(about, "baseColorTexture")
                 with error_path("baseColorTexture"):
-                    image, laid = images.of(texture), _coordinates(texture)
+                    image, wraps, laid = images.of(texture), images.wraps(texture), _coordinates(texture)
         except _UnknownImageError:
             fault = f"its image is none of PNG, JPEG and WebP: {_EXPORT}"
         else:
@@ -157,7 +170,7 @@ def _material(table: dict, name: str, images: _Images) -> GlbMaterial:
     law = Microfacet(base_albedo=min(grey_of(colour), 1.0), metalness=metalness,
                      roughness=max(roughness, _LEAST_ROUGHNESS))
     surface = FileMaterial(name=name, law=None if fault else law, fault=fault, colour=colour, image=image,
-                           notes=tuple(f"material {name}: {note}" for note in notes))
+                           wraps=wraps, notes=tuple(f"material {name}: {note}" for note in notes))
     return GlbMaterial(surface=surface, is_double_sided=is_double, **laid)
 
 

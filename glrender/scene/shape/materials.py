@@ -9,7 +9,7 @@ import numpy as np
 
 from ...base.errors import error_path
 from ...brdf import Law
-from .textures import LUMINANCE, linear_grey
+from .textures import LUMINANCE, REPEATED, linear_grey
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -30,6 +30,8 @@ class FileMaterial:
         Linear factors on an image's red, green and blue.
     image : bytes or None
         Of its base colour.
+    wraps : (str, str)
+        How the image goes on along u and v: `textures.laid`.
     """
 
     name: str
@@ -38,6 +40,7 @@ class FileMaterial:
     notes: tuple[str, ...] = ()
     colour: np.ndarray | None = None
     image: bytes | None = None
+    wraps: tuple[str, str] = (REPEATED, REPEATED)
 
     @cached_property
     def albedo_map(self) -> np.ndarray | None:

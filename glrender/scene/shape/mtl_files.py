@@ -5,6 +5,7 @@ Source: Wavefront, MTL material format 4.2.
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -14,10 +15,10 @@ from .materials import FileMaterial, grey_of
 
 # Bytes of a library, far more than any has: it is read whole.
 _MAX_BYTES = 16 * 1024**2
-# Statements that would change what is drawn: highlights, maps, transparency.
-_LEFT_OUT = ("Ks", "Ns", "map_Kd", "map_Ks", "map_Bump", "map_bump", "bump", "norm", "d", "Tr", "Pr", "Pm")
-# Values of these that change nothing.
-_NOTHING = {"Ks": (0.0,), "d": (1.0,), "Tr": (0.0,), "Pm": (0.0,)}
+# Statements, in lower case, that change nothing under one Sun and in grey, and values by which others change nothing.
+_PASSED = ("kd", "ka", "map_ka", "ni", "illum", "sharpness")
+_NOTHING = {**dict.fromkeys(("ks", "tr", "ke", "pm", "ps", "pc", "aniso"), 0.0), "d": 1.0, "tf": 1.0}
+_COMMENT = re.compile(r"(?:^|\s)#(?:\s|$)")
 # Diffuse colour of a material that names none [1]: that of the format's own viewers.
 _USUAL = "0.8"
 NO_MATERIAL = "without usemtl"
@@ -42,14 +43,15 @@ def read_mtl(folder: Path, libraries: list[str], names: list[str]) -> tuple[File
                                         else "the OBJ has no mtllib")
             made.append(FileMaterial(name=name, fault=why))
             continue
-        left_out = [key for key in _LEFT_OUT if key in table and not _is_nothing(key, table[key])]
-        notes = (f"material {name}: {', '.join(left_out)} left out; Kd alone is drawn, by Lambert's law",)
+        left_out = [word for key, (word, text) in table.items() if key not in _PASSED and not _is_nothing(key, text)]
+        notes = [f"{', '.join(left_out)} left out; Kd alone is drawn, by Lambert's law"] if left_out else []
+        notes += [] if "kd" in table else [f"without Kd it is drawn with {_USUAL}"]
         try:
-            law = Lambert(normal_albedo=min(grey_of(_colour(table.get("Kd", _USUAL))), 1.0))
+            law = Lambert(normal_albedo=min(grey_of(_colour(table.get("kd", ("Kd", _USUAL))[1])), 1.0))
         except ValueError as error:
             made.append(FileMaterial(name=name, fault=str(error)))
         else:
-            made.append(FileMaterial(name=name, law=law, notes=notes if left_out else ()))
+            made.append(FileMaterial(name=name, law=law, notes=tuple(f"material {name}: {note}" for note in notes)))
     return tuple(made)
 
 
@@ -73,17 +75,23 @@ def _text(folder: Path, library: str) -> str:
     return path.read_bytes().decode("utf-8-sig", errors="replace")
 
 
-def _tables(text: str) -> dict[str, dict[str, str]]:
-    """Statements by the materials' names; the first of a name counts."""
-    made: dict[str, dict[str, str]] = {}
-    table: dict[str, str] = {}
+def _tables(text: str) -> dict[str, dict[str, tuple[str, str]]]:
+    """Statements, as they are written, by their lower case by the materials' names; the first of a name counts."""
+    made: dict[str, dict[str, tuple[str, str]]] = {}
+    table: dict[str, tuple[str, str]] = {}
     for line in text.splitlines():
-        words = line.partition("#")[0].split(None, 1)
-        if len(words) == 2 and words[0] == "newmtl":
-            table = made.setdefault(words[1].strip(), {})
-        elif len(words) == 2:
-            table.setdefault(words[0], words[1].strip())
+        key, _, rest = line.replace("\t", " ").strip().partition(" ")
+        if key.lower() == "newmtl":
+            table = {}
+            made.setdefault(name_of_material(rest), table)
+        elif not key.startswith("#") and (rest := rest.partition("#")[0].strip()):
+            table.setdefault(key.lower(), (key, rest))
     return made
+
+
+def name_of_material(text: str) -> str:
+    """The name in a statement, which may have blanks and `#` in it: a comment has a blank before and behind its `#`."""
+    return _COMMENT.split(text, maxsplit=1)[0].strip()
 
 
 def _colour(text: str) -> np.ndarray:
@@ -99,7 +107,6 @@ def _colour(text: str) -> np.ndarray:
 
 def _is_nothing(key: str, text: str) -> bool:
     try:
-        values = {float(word) for word in text.split()}
+        return {float(word) for word in text.split()} == {_NOTHING.get(key)}
     except ValueError:
         return False
-    return key in _NOTHING and values <= set(_NOTHING[key])

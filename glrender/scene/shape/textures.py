@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -20,6 +21,8 @@ MAX_TEXTURE_PX = 2**27
 """Most pixels of a texture, and of all images of a file: 16384 x 8192, 0.5 GiB as float32."""
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 """Shares of linear red, green and blue in a grey [1]: ITU-R BT.709."""
+REPEATED, HELD, MIRRORED = "repeated", "held", "mirrored"
+"""How a texture goes on beyond its edges: again, with its edge, again and turned over."""
 # Pillow's formats that are pictures alone: others start programs (EPS) or unpack to any size.
 _TEXTURE_FORMATS = ("PNG", "TIFF", "JPEG", "JPEG2000", "BMP", "PPM", "WEBP")
 
@@ -76,24 +79,37 @@ def channel_means(data: bytes) -> np.ndarray:
         return np.asarray(image.convert("RGB")).mean(axis=(0, 1)) / 255.0
 
 
-def repeated(texture: np.ndarray, uv: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """A texture (H, W) as often above itself as coordinates (F, 3, 2) of facets repeat it, and the coordinates for it.
+def laid(texture: np.ndarray, uv: np.ndarray, wraps: tuple[str, str] = (REPEATED, REPEATED)
+         ) -> tuple[np.ndarray, np.ndarray]:
+    """A texture (H, W) that goes on as far as coordinates (F, 3, 2) of facets need it, and the coordinates for it.
 
-    Along u it is repeated where it is drawn.
+    Where it is drawn, it repeats along u and is held along v: `wraps` says how it goes on along either.
 
     Raises
     ------
     ShapeError
-        A facet repeats it too often.
+        It goes on too far.
     """
-    v = uv[..., 1]
-    least, most = v.min(axis=1, keepdims=True), v.max(axis=1, keepdims=True)
-    v = np.where((least >= 0.0) & (most <= 1.0), v, v - np.floor(least))
-    times = max(int(np.ceil(v.max())), 1)
-    if times * texture.size > MAX_TEXTURE_PX:
-        raise ShapeError("texture coordinates", f"must repeat an image of {texture.size} pixels at most "
-                         f"{MAX_TEXTURE_PX // texture.size} times within a facet", times, "divide the facet")
-    return np.tile(texture, (times, 1)), np.stack([uv[..., 0], v / times], axis=-1).astype(np.float32)
+    u, v, times, n_held = uv[..., 0], uv[..., 1], 1, 0
+    if wraps[0] == MIRRORED:
+        texture, u = np.concatenate([texture, texture[:, ::-1]], axis=1), 0.5 * u
+    if wraps[1] == MIRRORED:
+        texture, v = np.concatenate([texture[::-1], texture]), 0.5 * v
+    (height, width), n_pixels = texture.shape, texture.size
+    if wraps[0] == HELD:
+        n_held = 1 + math.ceil(width * max(-float(u.min()), float(u.max()) - 1.0, 0.0))
+        u = (width * u + n_held) / (width + 2 * n_held)
+    if wraps[1] != HELD:
+        least, most = v.min(axis=1, keepdims=True), v.max(axis=1, keepdims=True)
+        v = np.where((least >= 0.0) & (most <= 1.0), v, v - np.floor(least))
+        times = max(math.ceil(v.max()), 1)
+        v = v / times
+    if times * height * (width + 2 * n_held) > MAX_TEXTURE_PX:
+        raise ShapeError("texture coordinates", f"must repeat an image of {n_pixels} pixels at most "
+                         f"{MAX_TEXTURE_PX // n_pixels} times within a facet", max(times, 1 + 2 * n_held // width),
+                         "divide the facet")
+    texture = np.pad(np.tile(texture, (times, 1)), ((0, 0), (n_held, n_held)), "edge")
+    return texture, np.stack([u, v], axis=-1).astype(np.float32)
 
 
 def _shares(values: np.ndarray) -> np.ndarray:

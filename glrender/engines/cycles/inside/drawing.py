@@ -20,6 +20,9 @@ warnings.simplefilter("ignore", DeprecationWarning)
 _MEMORY = "/dev/shm"  # noqa: S108 (a folder of mode 0700 with a random name is made in it)
 # Samples beyond which Cycles' tables grow no more.
 _MOST_TABLED = 8192
+# Backs that a ray from the camera passes; Blender's own limit.
+_MOST_BACKS = 1024
+_GEOMETRY = ("vertices", "facets", "uv", "normals", "one_sided")
 
 
 class Stage:
@@ -32,7 +35,8 @@ class Stage:
         has_texture, smooth. `lamps`: half_angle_rad of each.
     arrays : dict
         By ``name/index``: vertices (N, 3) float32, facets (M, 3) int32, uv (M, 3, 2), normals (N, 3),
-        texture (H, W), bottom row first.
+        texture (H, W), bottom row first; one_sided (M,) float32, 1 of a facet whose back hides nothing, if any may be
+        seen from there.
     """
 
     def __init__(self, head: dict, arrays: dict):
@@ -44,8 +48,7 @@ class Stage:
         self._set_up(any(told["law"] for told in head["bodies"]), head["threads"])
         self._script_nodes = []
         self._told = head["bodies"]
-        self._bodies = [self._body(told, {key: arrays.get(f"{key}/{index}") for key in
-                                          ("vertices", "facets", "uv", "normals", "texture")})
+        self._bodies = [self._body(told, {key: arrays.get(f"{key}/{index}") for key in (*_GEOMETRY, "texture")})
                         for index, told in enumerate(self._told)]
         self._light = bpy.data.lights.new("sun", "SUN")
         self._light.energy = 1.0
@@ -70,8 +73,7 @@ class Stage:
         """Give a body other vertices, facets, uv and normals."""
         thing = self._bodies[index]
         before = thing.data
-        thing.data = self._mesh(self._told[index], {key: arrays.get(key) for key in
-                                                    ("vertices", "facets", "uv", "normals")})
+        thing.data = self._mesh(self._told[index], {key: arrays.get(key) for key in _GEOMETRY})
         thing.data.materials.append(before.materials[0])
         bpy.data.meshes.remove(before)
 
@@ -162,6 +164,8 @@ class Stage:
         mesh.polygons.foreach_set("use_smooth", np.full(len(facets), told["smooth"]))
         if arrays["uv"] is not None:
             mesh.uv_layers.new(name="uv").data.foreach_set("uv", arrays["uv"].astype(np.float32).ravel())
+        if arrays["one_sided"] is not None:
+            mesh.attributes.new("one_sided", "FLOAT", "FACE").data.foreach_set("value", arrays["one_sided"])
         mesh.update(calc_edges=True)
         if told["smooth"]:
             if bpy.app.version < (4, 1):
@@ -171,13 +175,13 @@ class Stage:
 
     def _body(self, told: dict, arrays: dict) -> bpy.types.Object:
         mesh = self._mesh(told, arrays)
-        mesh.materials.append(self._material(told, arrays["texture"]))
+        mesh.materials.append(self._material(told, arrays["texture"], arrays["one_sided"] is not None))
         made = self._object(told["name"], mesh)
         # Cycles moves shadows and normals of interpolated surfaces by default.
         made.cycles.shadow_terminator_offset = made.cycles.shadow_terminator_geometry_offset = 0.0
         return made
 
-    def _material(self, told: dict, texture: np.ndarray | None) -> bpy.types.Material:
+    def _material(self, told: dict, texture: np.ndarray | None, has_backs: bool) -> bpy.types.Material:
         material = bpy.data.materials.new(told["name"])
         material.use_nodes = True
         nodes, links = material.node_tree.nodes, material.node_tree.links
@@ -215,7 +219,8 @@ class Stage:
                 raise RuntimeError(f"the law of {told['name']!r} does not compile as OSL")
             if scale is not None:
                 links.new(scale, shader.inputs["albedo_scale"])
-        links.new(shader.outputs[0], output.inputs["Surface"])
+        surface = _without_backs(nodes, links, shader.outputs[0]) if has_backs else shader.outputs[0]
+        links.new(surface, output.inputs["Surface"])
         return material
 
     def _set_up(self, has_scripts: bool, threads: int) -> None:
@@ -228,6 +233,7 @@ class Stage:
         cycles.sample_clamp_direct = cycles.sample_clamp_indirect = 0.0
         cycles.light_sampling_threshold = 0.0
         cycles.film_exposure = 1.0
+        cycles.transparent_max_bounces = _MOST_BACKS
         if hasattr(cycles, "use_light_tree"):
             cycles.use_light_tree = False
         if hasattr(cycles, "use_auto_tile"):
@@ -241,6 +247,23 @@ class Stage:
         render.image_settings.file_format, render.image_settings.color_depth = "OPEN_EXR", "32"
         render.image_settings.exr_codec = "NONE"
         scene.view_settings.view_transform = "Raw"
+
+
+def _without_backs(nodes, links, front):
+    """A surface whose one-sided facets have a back that the camera looks through, and that is black to other rays."""
+    black, clear = nodes.new("ShaderNodeBsdfDiffuse"), nodes.new("ShaderNodeBsdfTransparent")
+    black.inputs["Color"].default_value = (0.0, 0.0, 0.0, 1.0)
+    sided, share = nodes.new("ShaderNodeAttribute"), nodes.new("ShaderNodeMath")
+    sided.attribute_name, share.operation = "one_sided", "MULTIPLY"
+    links.new(sided.outputs["Fac"], share.inputs[0])
+    links.new(nodes.new("ShaderNodeNewGeometry").outputs["Backfacing"], share.inputs[1])
+    back, mixed = nodes.new("ShaderNodeMixShader"), nodes.new("ShaderNodeMixShader")
+    for mix, factor, one, other in (
+            (back, nodes.new("ShaderNodeLightPath").outputs["Is Camera Ray"], black.outputs[0], clear.outputs[0]),
+            (mixed, share.outputs[0], front, back.outputs[0])):
+        for socket, given in zip(mix.inputs, (factor, one, other), strict=True):
+            links.new(given, socket)
+    return mixed.outputs[0]
 
 
 def _place(thing, matrix: list) -> None:
