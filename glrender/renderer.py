@@ -17,6 +17,7 @@ from .base.own_process import OwnProcess
 from .base.stopwatch import Clock
 from .brdf import Law
 from .engines.coverage.engine import CoverageEngine
+from .engines.derivatives.gradient import Gradient, Weights, checked_weights, gradient_of
 from .engines.derivatives.parameters import checked_derivatives
 from .engines.derivatives.refusals import check_derivable
 from .engines.derivatives.region_derivatives import derivatives_of
@@ -180,15 +181,8 @@ class Renderer:
         request = self._request(camera, max_error, samples, engine, use, bool(names))
         with self._parts.by_bodies():
             given, state = state, self._parts.state(state, request.camera)
-            traits = [body.traits for body in self._bodies.values()]
-            seen = seen_bodies(state, request.camera, self._parts.drawn.hulls, traits, request.has_sun_disc)
-            if names:
-                check_derivable(names, self.scene, request, seen)
-            plan, irradiance = plan_frame(seen, request), _blank(request.camera, use.out)
-            clock.lap("plan")
-            frame = self._frame(plan)
-            clock.lap("shadow")
-            drawn = self._irradiance.draw(plan, frame, irradiance, clock, deadline)
+            plan, frame, drawn = self._drawn(state, request, names, clock, deadline)
+        irradiance = drawn.irradiance_W_m2
         made = account(plan, drawn, self._left_out)
         if self._emissions:
             made = self._emissions.add(irradiance, state, frame, made)
@@ -207,6 +201,51 @@ class Renderer:
         return Image(irradiance_W_m2=irradiance, products=arrays, plan=made, jacobian=jacobian,
                      small_bodies=self._parts.small_bodies(drawn.small_bodies), timings_ms=clock.laps_ms,
                      request=(self.scene, given, request.camera))
+
+    def gradient(self, state: State, weights: Weights, camera: str | PinholeCamera | None = None, *,
+                 max_error: float | Mapping[str, float] | None = None) -> Gradient:
+        """The gradient of the sum of weights times one frame's irradiance, with respect to bodies' shapes and albedos.
+
+        Parameters
+        ----------
+        state : State
+        weights : (height, width) array, or callable
+            Of pixels; or a function that makes them of the frame's irradiance [W/m2].
+        camera, max_error
+            As `render` takes them.
+
+        Returns
+        -------
+        Gradient
+            By the names of bodies; with the frame.
+
+        Raises
+        ------
+        SceneError
+            The state cannot be rendered.
+        ConfigError
+            An argument breaks a rule, or the frame has what has no derivatives (docs/derivatives.md).
+        """
+        self._own.check()
+        request = self._request(camera, max_error, None, None, WHOLE_IMAGE, True)
+        if not callable(weights):
+            weights = checked_weights(weights, (request.camera.height_px, request.camera.width_px))
+        with self._parts.by_bodies():
+            _, frame, drawn = self._drawn(state, request, (), Clock(), math.inf)
+        return gradient_of(weights, drawn, frame, self._rays)
+
+    def _drawn(self, state: State, request: Request, names: Sequence[str], clock: Clock, deadline: float
+               ) -> tuple[FramePlan, Frame, Drawn]:
+        """The light of surfaces, with what it was drawn by; refused where parameters by name have no derivatives."""
+        traits = [body.traits for body in self._bodies.values()]
+        seen = seen_bodies(state, request.camera, self._parts.drawn.hulls, traits, request.has_sun_disc)
+        if request.has_derivatives:
+            check_derivable(names, self.scene, request, seen)
+        plan, irradiance = plan_frame(seen, request), _blank(request.camera, request.use.out)
+        clock.lap("plan")
+        frame = self._frame(plan)
+        clock.lap("shadow")
+        return plan, frame, self._irradiance.draw(plan, frame, irradiance, clock, deadline)
 
     def _added_bytes(self, frame: Frame) -> dict[str, int]:
         """Memory [byte] that a frame takes beyond what opening took."""

@@ -10,6 +10,7 @@ import pytest
 import serving
 import views
 from glrender import Body, Pose, Renderer, SceneError, Shape, State, frames, generate
+from glrender.base.errors import ShapeError
 from glrender.brdf import Lambert
 from glrender_client import Client
 from programs import run
@@ -294,3 +295,25 @@ def test_what_was_found_reaches_the_command_line_the_log_and_the_client(tmp_path
         cameras = [{"name": "c", "width_px": 16, "height_px": 16, "focal_length_px": 50.0}]
         assert client.load_scene({"bodies": [whole], "cameras": cameras})["bodies"][0]["warnings"] == []
     assert told[0] in (tmp_path / "server.log").read_text()
+
+
+def test_vertices_move_without_repair():
+    """In the same order, also where a file's repair would weld or turn facets; nothing of the shape before changes."""
+    shape = generate.contact_binary(radius_m=100.0, seed=3, subdivisions=3)
+    moved = shape.with_vertices(1.5 * shape.vertices_m + [10.0, 0.0, 0.0])
+    np.testing.assert_array_equal(moved.vertices_m, 1.5 * shape.vertices_m + [10.0, 0.0, 0.0])
+    assert moved.facets is shape.facets and not moved.vertices_m.flags.writeable
+    assert moved.report.volume_m3 == pytest.approx(1.5**3 * shape.report.volume_m3, rel=1e-9)
+    assert moved.report.extent_m == pytest.approx(tuple(1.5 * each for each in shape.report.extent_m))
+    np.testing.assert_allclose(moved.facet_normals, shape.facet_normals, atol=1e-9)
+
+
+@pytest.mark.parametrize("change, words", [
+    (lambda r_m: r_m[:-1], "must have the shape"), (lambda r_m: "all", "must be numbers of shape"),
+    (lambda r_m: np.where(np.arange(len(r_m))[:, None] == 2, np.nan, r_m), r"vertices\[2\]: must be finite"),
+    (lambda r_m: 1e12 * r_m, "must be within"), (lambda r_m: -r_m, "must leave closed shells facing as they do"),
+    (lambda r_m: r_m * [1.0, 1.0, 0.0], "must have an area|must leave closed shells")])
+def test_vertices_that_make_no_shape_are_refused(change, words):
+    shape = generate.icosphere(radius_m=100.0, subdivisions=1)
+    with pytest.raises(ShapeError, match=words):
+        shape.with_vertices(change(shape.vertices_m))

@@ -126,7 +126,7 @@ class CornerVisibility:
         chosen = np.flatnonzero(is_dark.any(axis=0))
         corner, parts = np.argmax(is_dark[:, chosen], axis=0), parts.at(chosen)
         r_body_m = points.r_m.take(parts.corner[corner, np.arange(len(chosen))], axis=1)
-        range_m = rays.shade_ranges(r_body_m, self.facets.number.take(parts.facet), view, views)
+        range_m, _ = rays.shades(r_body_m, self.facets.number.take(parts.facet), view, views)
         depth_m = dot(view.camera_from_body[2], r_body_m - view.r_camera_body_m[:, None])
         angle = 2.0 * view.sun_radius_rad
         wide_px = (np.where(np.isfinite(range_m), range_m.clip(0.0), 0.0) * angle * focal_length_px

@@ -85,9 +85,16 @@ class SunlitAreas:
             for image, values in ((changes, value + 1j), (slopes, across + 1j * down)):
                 accumulate.add_polygons(image, xy_px, corner, values, origin_px, per_px)
 
+    def facets(self) -> np.ndarray:
+        """Facets (N,) with light, each once."""
+        is_drawn = np.zeros(self.seen.facets.n_facets, bool)
+        for facet in (self.whole, *(facet for _, facet in self.polygons)):
+            is_drawn[facet] = True
+        return np.flatnonzero(is_drawn)
+
     def uneven(self) -> tuple[np.ndarray, np.ndarray]:
         """Facets (N,) with light, and the squared error (N,) of each by what is not linear in its radiance."""
-        facet = np.unique(np.concatenate([self.whole, *(each for _, each in self.polygons)]))
+        facet = self.facets()
         *_, rest = self.seen.radiance.planes(facet, self.seen.xy_px, np.zeros(2))
         return facet, pixels_squared(rest, self.seen.facet_px(facet))
 

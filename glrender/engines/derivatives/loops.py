@@ -1,8 +1,9 @@
-"""Loops that add what moving lines change in an image's cells, compiled by Numba when this is imported.
+"""Loops that add what moving lines change in an image's cells, and what cells say of lines, compiled when first called.
 
 A frame is a sum of areas of constant radiance between straight lines. Where both ends of a line move, the radiance of
 the cells that it crosses changes by the step in radiance across the line times the area that it sweeps, which is linear
-between the ends. What changes in the radiance of areas is added by Green's theorem, as in `coverage.accumulate`.
+between the ends. What changes in the radiance of areas is added by Green's theorem, as in `coverage.accumulate`. A
+gradient follows these lines the other way.
 """
 
 from __future__ import annotations
@@ -10,13 +11,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from glrender_camera.numba_loops import TABLE, VECTOR, called, compiled_when_called, read, write
+from glrender_camera.numba_loops import INDICES, TABLE, VECTOR, called, compiled_when_called, read, write
 from numba.types import float32, float64, int32, intp, void
 
 # Distance from a border of cells [px] within which a line lies along it: both sides change by half as much.
 _ALONG = 1e-9
 _SWEPT, _AREAS, _RATES = write(float64, 3), write(float64, 3), read(float64, 3)
-_CORNERS = read(intp, 2)
+_GRADIENT = write(float64, 2)
 
 
 @compiled_when_called(write(float64, 3)(TABLE, TABLE, TABLE, VECTOR, float64))
@@ -52,6 +53,43 @@ def _add_left(areas, y0, dy, begin, end, steps):
 
 
 @called
+def _within(x0, y0, dx, dy, rows, columns):
+    """Shares of a line's length: its part to the left of cells (R, C), then its part in them, each a begin and an end.
+
+    A part that is not there ends where it begins, or before.
+    """
+    begin, end = 0.0, 1.0
+    if dy != 0.0:
+        one, other = -y0 / dy, (rows - y0) / dy
+        begin, end = max(begin, min(one, other)), min(end, max(one, other))
+    elif not 0.0 <= y0 < rows:
+        return 0.0, 0.0, 0.0, 0.0
+    if dx > 0.0:
+        end = min(end, (columns - x0) / dx)
+        inside = min(max(-x0 / dx, begin), end)
+        return begin, inside, inside, end
+    if dx < 0.0:
+        begin = max(begin, (columns - x0) / dx)
+        inside = max(min(-x0 / dx, end), begin)
+        return inside, end, begin, inside
+    if x0 < 0.0:
+        return begin, end, 0.0, 0.0
+    return 0.0, 0.0, begin, end if x0 < columns else begin
+
+
+@called
+def _first_cell(x, y, dx, dy, rows, columns):
+    """Column and row of the first cell (R, C) of a line that enters them at a place, and goes on by (dx, dy)."""
+    column, row = int(x), int(y)
+    # A line that comes from a border of cells goes on in the cell before it.
+    if dx < 0.0 and x <= column:
+        column -= 1
+    if dy < 0.0 and y <= row:
+        row -= 1
+    return min(max(column, 0), columns - 1), min(max(row, 0), rows - 1)
+
+
+@called
 def _walk(swept, areas, x0, y0, x1, y1, first, last, step, steps):
     """Follow a line from (x0, y0) to (x1, y1) through the cells (R, C) that it crosses.
 
@@ -59,7 +97,7 @@ def _walk(swept, areas, x0, y0, x1, y1, first, last, step, steps):
     begin and `last` (K,) at its end; sums along rows (R, C + 2, M) by other steps (M,).
     """
     rows, columns = swept.shape[0], swept.shape[1]
-    dx, dy, begin, end = x1 - x0, y1 - y0, 0.0, 1.0
+    dx, dy = x1 - x0, y1 - y0
     if 0.0 <= min(x0, x1) and 0.0 <= min(y0, y1) and max(x0, x1) < columns and max(y0, y1) < rows:
         column, row = int(x0), int(y0)
         if column == int(x1) and row == int(y1):
@@ -71,41 +109,12 @@ def _walk(swept, areas, x0, y0, x1, y1, first, last, step, steps):
                 areas[row, column, j] += steps[j] * (dy - beyond)
                 areas[row, column + 1, j] += steps[j] * beyond
             return
-    if dy != 0.0:
-        one, other = -y0 / dy, (rows - y0) / dy
-        begin, end = max(begin, min(one, other)), min(end, max(one, other))
-    elif not 0.0 <= y0 < rows:
-        return
-    if dx > 0.0:
-        end = min(end, (columns - x0) / dx)
-    elif dx < 0.0:
-        begin = max(begin, (columns - x0) / dx)
-    elif not x0 < columns:
-        return
+    left_begin, left_end, begin, end = _within(x0, y0, dx, dy, rows, columns)
+    if len(steps) and left_begin < left_end:
+        _add_left(areas, y0, dy, left_begin, left_end, steps)
     if not begin < end:
         return
-    if dx > 0.0:
-        inside = min(max(-x0 / dx, begin), end)
-        if len(steps) and begin < inside:
-            _add_left(areas, y0, dy, begin, inside, steps)
-        begin = inside
-    elif dx < 0.0:
-        inside = max(min(-x0 / dx, end), begin)
-        if len(steps) and inside < end:
-            _add_left(areas, y0, dy, inside, end, steps)
-        end = inside
-    elif x0 < 0.0:
-        if len(steps):
-            _add_left(areas, y0, dy, begin, end, steps)
-        return
-    middle = x0 + begin * dx, y0 + begin * dy
-    column, row = int(middle[0]), int(middle[1])
-    # A line that comes from a border of cells goes on in the cell before it.
-    if dx < 0.0 and middle[0] <= column:
-        column -= 1
-    if dy < 0.0 and middle[1] <= row:
-        row -= 1
-    column, row = min(max(column, 0), columns - 1), min(max(row, 0), rows - 1)
+    column, row = _first_cell(x0 + begin * dx, y0 + begin * dy, dx, dy, rows, columns)
     right, below = 1 if dx > 0.0 else 0, 1 if dy > 0.0 else 0
     per_x, per_y = 1.0 / dx if dx != 0.0 else math.inf, 1.0 / dy if dy != 0.0 else math.inf
     while begin < end:
@@ -155,7 +164,7 @@ def _add_line(swept, areas, xy, rates, a, b, left, top, step, steps, first, last
             _walk(swept, areas, x0, y + side, x1, y + side, first, last, 0.5 * step, steps)
 
 
-@compiled_when_called(void(_SWEPT, _AREAS, TABLE, _RATES, _CORNERS, read(int32, 2), TABLE, float64, float64))
+@compiled_when_called(void(_SWEPT, _AREAS, TABLE, _RATES, INDICES, read(int32, 2), TABLE, float64, float64))
 def add_facets(swept, areas, xy, rates, corners, neighbours, values, left, top):
     """Add what lines around whole facets change: values (1 + M, F) are radiance and its own changes.
 
@@ -217,3 +226,109 @@ def finish(swept, areas, which, scale, across, down, found):
                 swept[row, column, which[j]] += sums[j]
             for k in range(swept.shape[2]):
                 found[k, row, column] += swept[row, column, k] * factor
+
+
+@called
+def _read_line(weights, right, x0, y0, x1, y1):
+    """What a line from (x0, y0) to (x1, y1) moves and bounds, of weights of cells (R, C): the reverse of `_walk`.
+
+    The weight of what its begin sweeps, and of what its end does, per unit of area; and that of what lies to its right,
+    by the sums `right` (R, C + 1) of the weights from each cell to the end of its row.
+    """
+    rows, columns = weights.shape[0], weights.shape[1]
+    dx, dy = x1 - x0, y1 - y0
+    at_begin, at_end, of_step = 0.0, 0.0, 0.0
+    left_begin, left_end, begin, end = _within(x0, y0, dx, dy, rows, columns)
+    if left_begin < left_end and dy != 0.0:
+        low, high = y0 + left_begin * dy, y0 + left_end * dy
+        low, high, sign = min(low, high), max(low, high), 1.0 if dy > 0.0 else -1.0
+        for row in range(max(int(low), 0), min(math.ceil(high), rows)):
+            of_step += sign * (min(row + 1.0, high) - max(float(row), low)) * right[row, 0]
+    if not begin < end:
+        return at_begin, at_end, of_step
+    column, row = _first_cell(x0 + begin * dx, y0 + begin * dy, dx, dy, rows, columns)
+    over, below = 1 if dx > 0.0 else 0, 1 if dy > 0.0 else 0
+    per_x, per_y = 1.0 / dx if dx != 0.0 else math.inf, 1.0 / dy if dy != 0.0 else math.inf
+    while begin < end:
+        at_x = (column + over - x0) * per_x if dx != 0.0 else math.inf
+        at_y = (row + below - y0) * per_y if dy != 0.0 else math.inf
+        until = max(min(at_x, at_y, end), begin)
+        share, half = until - begin, 0.5 * (begin + until)
+        at_begin += weights[row, column] * share * (1.0 - half)
+        at_end += weights[row, column] * share * half
+        height = dy * share
+        beyond = height * (x0 + half * dx - column)
+        of_step += (height - beyond) * right[row, column] + beyond * right[row, column + 1]
+        begin = until
+        if at_x <= at_y:
+            column += 2 * over - 1
+        else:
+            row += 2 * below - 1
+        if not (0 <= column < columns and 0 <= row < rows):
+            break
+    return at_begin, at_end, of_step
+
+
+@called
+def _add_gradient(weights, right, xy, a, b, left, top, step, gradient):
+    """Add the derivatives (2, P) by the places of a line's ends, and return that by its step."""
+    x0, y0, x1, y1 = xy[0, a] - left, xy[1, a] - top, xy[0, b] - left, xy[1, b] - top
+    if not abs(x0) + abs(x1) + abs(y0) + abs(y1) < math.inf:
+        return 0.0
+    x, y = float(round(x0)), float(round(y0))
+    is_down, is_across = max(abs(x0 - x), abs(x1 - x)) < _ALONG, max(abs(y0 - y), abs(y1 - y)) < _ALONG
+    if is_down or is_across:
+        at_begin, at_end, of_step = 0.0, 0.0, 0.0
+        for side in (-_ALONG, _ALONG):
+            if is_down:
+                found = _read_line(weights, right, x + side, y0, x + side, y1)
+            else:
+                found = _read_line(weights, right, x0, y + side, x1, y + side)
+            at_begin, at_end, of_step = at_begin + 0.5 * found[0], at_end + 0.5 * found[1], of_step + 0.5 * found[2]
+    else:
+        at_begin, at_end, of_step = _read_line(weights, right, x0, y0, x1, y1)
+    dx, dy = step * (x1 - x0), step * (y1 - y0)
+    gradient[0, a] -= dy * at_begin
+    gradient[1, a] += dx * at_begin
+    gradient[0, b] -= dy * at_end
+    gradient[1, b] += dx * at_end
+    return of_step
+
+
+_READ = (TABLE, TABLE, TABLE)
+
+
+@compiled_when_called(void(*_READ, INDICES, read(int32, 2), VECTOR, float64, float64, _GRADIENT, write(float64, 1)))
+def facets_gradient(weights, right, xy, corners, neighbours, radiance, left, top, of_places, of_radiance):
+    """Add derivatives by the places (2, V) and radiance (F,) of whole facets: the reverse of `add_facets`."""
+    for facet in range(len(radiance)):
+        here = radiance[facet]
+        if here == 0.0:
+            continue
+        for side in range(3):
+            across = neighbours[side, facet]
+            there = radiance[across] if across >= 0 else 0.0
+            if there == 0.0 or facet < across:
+                of_step = _add_gradient(weights, right, xy, corners[side, facet], corners[(side + 1) % 3, facet],
+                                       left, top, here - there, of_places)
+                of_radiance[facet] += of_step
+                if there != 0.0:
+                    of_radiance[across] -= of_step
+
+
+@compiled_when_called(void(*_READ, read(intp, 2, "A"), read(intp, 1, "A"), VECTOR, float64, float64, _GRADIENT,
+                           write(float64, 1)))
+def polygons_gradient(weights, right, xy, corners, facet, radiance, left, top, of_places, of_radiance):
+    """Add derivatives by the places (2, P) of polygons' corners (C, N), and by the radiance (F,) of facets (N,)."""
+    for i in range(len(facet)):
+        for k in range(len(corners)):
+            end = corners[(k + 1) % len(corners), i]
+            of_radiance[facet[i]] += _add_gradient(weights, right, xy, corners[k, i], end, left, top,
+                                                   radiance[facet[i]], of_places)
+
+
+@compiled_when_called(void(*_READ, VECTOR, float64, float64, _GRADIENT))
+def cuts_gradient(weights, right, xy, steps, left, top, of_places):
+    """Add derivatives by the places (2, 2 N) of cuts, begins, then ends, with steps in radiance (N,)."""
+    for i in range(len(steps)):
+        _add_gradient(weights, right, xy, i, i + len(steps), left, top, steps[i], of_places)

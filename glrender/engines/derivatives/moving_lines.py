@@ -21,8 +21,8 @@ from .parameters import Rates
 
 # Shares of the way from a cut to the dark corner at which it is asked what makes it: farther where nothing is met.
 _BEYOND = (0.02, 0.1, 0.3, 1.0)
-# Cosine of the Sun's incidence below which a shadow slides no faster [1]: it would cross the whole facet at once.
-_LEAST_COSINE = 1e-3
+LEAST_COSINE = 1e-3
+"""Of the Sun's incidence, below which a shadow slides no faster [1]: it would cross the whole facet at once."""
 # Least share of the way to the camera that is left beyond what hides [1].
 _LEAST_DEPTH = 1e-9
 
@@ -38,12 +38,15 @@ class Cuts:
     facet : (2 N,) int
     hides_m, shades_m : (2 N,) float64 [m]
         Distance of what hides the place just beyond from the camera, or from the Sun; infinite of what does not.
+    by : (2 N,) int
+        The body's facet that does so, by its number in the shape; -1 where nothing was met.
     """
 
     r_m: np.ndarray
     facet: np.ndarray
     hides_m: np.ndarray
     shades_m: np.ndarray
+    by: np.ndarray
 
     @classmethod
     def of(cls, areas: SunlitAreas, rays: RayEngine, views: list[BodyView], slides: bool) -> Cuts:
@@ -53,21 +56,19 @@ class Cuts:
         r_m = cutter.points.r_m.take(point, axis=1)
         way_m = cutter.points.r_m.take(dark, axis=1) - r_m
         hides_m, shades_m = np.full((2, len(point)), np.inf)
-        may_hide, is_open = ~cutter.points.is_seen.take(dark), np.ones(len(point), bool)
+        by, may_hide, is_open = np.full(len(point), -1), ~cutter.points.is_seen.take(dark), np.ones(len(point), bool)
         is_open &= may_hide | slides
         for part in _BEYOND:
-            def ask(which: np.ndarray, ranges: Callable[..., np.ndarray], share: float = part) -> np.ndarray:
+            def ask(which: np.ndarray, ranges_m: np.ndarray, ranges: Callable[..., tuple[np.ndarray, np.ndarray]],
+                    share: float = part) -> None:
                 beyond_m = r_m.take(which, axis=1) + share * way_m.take(which, axis=1)
-                return ranges(beyond_m, number.take(facet[which]), view, views)
+                ranges_m[which], by[which] = ranges(beyond_m, number.take(facet[which]), view, views)
+                is_open[which] = np.isinf(ranges_m[which])
 
             # The camera sees the dark corner of a cut by a shadow; one that it does not see may be in shadow too.
-            hidden = np.flatnonzero(is_open & may_hide)
-            hides_m[hidden] = ask(hidden, rays.hiding_ranges)
-            is_open[hidden] = np.isinf(hides_m[hidden])
-            left = np.flatnonzero(is_open)
-            shades_m[left] = ask(left, rays.shade_ranges)
-            is_open[left] = np.isinf(shades_m[left])
-        return cls(r_m=r_m, facet=facet, hides_m=hides_m, shades_m=shades_m)
+            ask(np.flatnonzero(is_open & may_hide), hides_m, rays.hides)
+            ask(np.flatnonzero(is_open), shades_m, rays.shades)
+        return cls(r_m=r_m, facet=facet, hides_m=hides_m, shades_m=shades_m, by=by)
 
     def own_rates(self, areas: SunlitAreas, rates: Rates, focal_length_px: float) -> np.ndarray:
         """Rates (2 N, 2, K) [px] of the ends in the image, less those of the places on the body where they are."""
@@ -79,7 +80,7 @@ class Cuts:
         found[hidden] = (place_rates(near_m, rates, focal_length_px) - place_rates(far_m, rates, focal_length_px))
         at_m, range_m = at_m.take(shaded, axis=1), self.shades_m.take(shaded)
         normal, to_sun = areas.seen.facets.normal.take(self.facet[shaded], axis=1), view.sun_direction_body[:, None]
-        cosine, across = np.maximum(dot(normal, to_sun), _LEAST_COSINE), focal_length_px / at_m[2]
+        cosine, across = np.maximum(dot(normal, to_sun), LEAST_COSINE), focal_length_px / at_m[2]
         for k, turned in enumerate(sun_rates_body(rates, view)):
             if turned.any():
                 slide_m = range_m * (to_sun * (dot(normal, turned[:, None]) / cosine) - turned[:, None])

@@ -92,6 +92,11 @@ def count_of(name: str) -> int:
     return COUNTS.get(name, _BODY_COUNT if name.startswith("bodies.") else 1)
 
 
+def each_of(names: Iterable[str]) -> list[str]:
+    """The name of each derivative."""
+    return [name for name in names for _ in range(count_of(name))]
+
+
 def sun_axes(to_sun: np.ndarray) -> np.ndarray:
     """Directions (2, 3) in `camera` in which the direction (3,) towards the Sun moves.
 
@@ -109,7 +114,7 @@ def _rates(name: str, view: BodyView, camera: PinholeCamera) -> Rates:
     shifts, turns, sun_turns, stretch = *np.zeros((3, count, 3)), np.zeros(count)
     if name == "spacecraft":
         # About the spacecraft's origin: what stands still moves the other way.
-        origin_m = -camera_from_spacecraft(camera) @ camera.r_camera_spacecraft_m
+        origin_m = -frames.dcm(camera.q_camera_from_spacecraft) @ camera.r_camera_spacecraft_m
         shifts, turns, sun_turns = np.cross(_ABOUT, origin_m) - _ALONG, -_ABOUT, -_ABOUT
     elif name == "sun":
         to_sun = view.camera_from_body @ view.sun_direction_body
@@ -120,12 +125,6 @@ def _rates(name: str, view: BodyView, camera: PinholeCamera) -> Rates:
         origin_m = -view.camera_from_body @ (view.r_camera_body_m + view.centre_m)
         shifts, turns = _ALONG - np.cross(_ABOUT, origin_m), _ABOUT
     return Rates(shifts_m=shifts, turns_rad=turns, sun_turns_rad=sun_turns, focal_length_px=stretch)
-
-
-def camera_from_spacecraft(camera: PinholeCamera) -> np.ndarray:
-    """Rotation (3, 3) of a camera's mounting."""
-    from_spacecraft, = frames.dcm(np.array([camera.q_camera_from_spacecraft]))
-    return from_spacecraft
 
 
 def _listed(scene: Scene) -> str:

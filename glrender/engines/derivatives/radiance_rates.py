@@ -39,7 +39,7 @@ def radiance_rates(facets: FacetTables, view: BodyView, facet: np.ndarray, radia
         Of the K parameters.
     rates : Rates
     """
-    shading = _Shading(facets, view, facet, radiance)
+    shading = Shading(facets, view, facet, radiance)
     # The camera in the body's frame: turns about the camera leave it where it is.
     camera_m, sun = -rates.shifts_m @ view.camera_from_body, sun_rates_body(rates, view)
     found = np.zeros((len(names), len(facet)))
@@ -54,7 +54,7 @@ def radiance_rates(facets: FacetTables, view: BodyView, facet: np.ndarray, radia
     return found
 
 
-class _Shading:
+class Shading:
     """The radiance (N,) of facets (N,), and its derivatives."""
 
     def __init__(self, facets: FacetTables, view: BodyView, facet: np.ndarray, radiance: np.ndarray):
@@ -80,6 +80,14 @@ class _Shading:
             found += axis * ((value - self._radiance) / _STEP_RAD)
         return found
 
+    def by_normal(self) -> np.ndarray:
+        """Derivatives (3, N) [1] by the facets' normals."""
+        found = np.zeros_like(self._to_camera)
+        for axis in _tangents(self._normal.T):
+            value = self._value(self.law, normal=_turned(self._normal.T, axis).T)
+            found += axis * ((value - self._radiance) / _STEP_RAD)
+        return found
+
     def by_law(self, name: str) -> np.ndarray:
         """Derivatives (N,) by a number of the law: to one side where the law takes no value on the other."""
         value = float(getattr(self.law, name))
@@ -94,14 +102,16 @@ class _Shading:
                               value, "leave it out")
         return side * (4.0 * self._value(near) - 3.0 * self._radiance - self._value(far)) / (2.0 * step)
 
-    def _value(self, law: Law, to_sun: np.ndarray | None = None, to_camera: np.ndarray | None = None) -> np.ndarray:
+    def _value(self, law: Law, to_sun: np.ndarray | None = None, to_camera: np.ndarray | None = None,
+               normal: np.ndarray | None = None) -> np.ndarray:
         to_sun = self._view.sun_direction_body if to_sun is None else to_sun
         to_camera = self._to_camera if to_camera is None else to_camera
+        normal = self._normal if normal is None else normal
         with warnings.catch_warnings():
             # The frame itself warns of phases beyond the law's.
             warnings.simplefilter("ignore")
-            brdf = law.brdf(to_sun, to_camera.T, self._normal)
-        return brdf * np.maximum(self._normal @ to_sun, 0.0) / self._view.sun_distance_au**2
+            brdf = law.brdf(to_sun, to_camera.T, normal)
+        return brdf * np.maximum(normal @ to_sun, 0.0) / self._view.sun_distance_au**2
 
 
 def _law_with(law: Law, name: str, value: float) -> Law | None:

@@ -18,7 +18,7 @@ from ..rays.engine import RayEngine
 from . import loops
 from .jacobian import Jacobian
 from .moving_lines import Cuts, in_camera, place_rates, sun_rates_body
-from .parameters import Rates, count_of, sun_axes
+from .parameters import Rates, count_of, each_of, sun_axes
 from .radiance_rates import radiance_rates
 
 # Most numbers of a part of an image that is drawn at once: 64 MiB.
@@ -33,7 +33,7 @@ def derivatives_of(names: Sequence[str], drawn: Drawn, frame: Frame, rays: RayEn
                    ) -> tuple[Jacobian, dict[str, float]]:
     """The derivatives of a drawn frame by parameters, and the error [1] to expect of each over its RMS."""
     x0, y0, x1, y1 = roi = union([window.roi for window in drawn.windows])
-    each = [name for name in names for _ in range(count_of(name))]
+    each = each_of(names)
     found, errors = np.zeros((len(each), y1 - y0, x1 - x0), np.float32), dict.fromkeys(names, 0.0)
     for window, (by_points, areas_error) in zip(drawn.windows, drawn.areas, strict=True):
         left, top, right, bottom = window.roi
@@ -85,7 +85,7 @@ def add_derivatives(found: np.ndarray, names: Sequence[str], by_points: Sequence
     rays : RayEngine
     """
     scale = rays.scene.solar_irradiance_of(cells.camera) / cells.camera.focal_length_px**2
-    each = [name for name in names for _ in range(count_of(name))]
+    each = each_of(names)
     for areas in (one for found_by_point in by_points for one in found_by_point):
         lit_so = [areas.seen.view if view.name == areas.seen.view.name else view for view in views]
         rates = Rates.of(names, areas.seen.view, cells.camera)
@@ -100,10 +100,7 @@ class _Lines:
                  camera: PinholeCamera, rays: RayEngine):
         seen, self.areas, focal_length_px = areas.seen, areas, camera.focal_length_px
         facets, view = seen.facets, seen.view
-        is_drawn = np.zeros(facets.n_facets, bool)
-        for facet in (areas.whole, *(facet for _, facet in areas.polygons)):
-            is_drawn[facet] = True
-        drawn = np.flatnonzero(is_drawn)
+        drawn = areas.facets()
         radiance = seen.radiance.of(drawn)
         changes = radiance_rates(facets, view, drawn, radiance, each, rates)
         self.changed = np.flatnonzero(changes.any(axis=1))

@@ -195,33 +195,41 @@ class RayEngine:
         threads.run_in_parts(ask, len(asked), RAYS_AT_ONCE)
         return is_free
 
-    def shade_ranges(self, r_body_m: np.ndarray, facet: np.ndarray, view: BodyView, views: list[BodyView]
-                     ) -> np.ndarray:
-        """Distances (N,) [m] from points (3, N) [m] of a body's facets (N,) to what hides the Sun, or infinity."""
+    def shades(self, r_body_m: np.ndarray, facet: np.ndarray, view: BodyView, views: list[BodyView]
+               ) -> tuple[np.ndarray, np.ndarray]:
+        """Distances (N,) [m] from points (3, N) [m] of a body's facets (N,) to what hides the Sun, or infinity.
+
+        And which of the body's facets (N,) that is; -1 of another body's, or none.
+        """
         return self._nearest(r_body_m, facet, view, views, view.sun_direction_body[:, None], ALL_SIDES)
 
-    def hiding_ranges(self, r_body_m: np.ndarray, facet: np.ndarray, view: BodyView, views: list[BodyView]
-                      ) -> np.ndarray:
+    def hides(self, r_body_m: np.ndarray, facet: np.ndarray, view: BodyView, views: list[BodyView]
+              ) -> tuple[np.ndarray, np.ndarray]:
         """Distances (N,) [m] from points (3, N) [m] of a body's facets (N,) to what hides them from the camera.
 
-        Infinity of those that it sees. A back hides nothing.
+        And which of the body's facets (N,) that is, as `shades` has them. A back hides nothing.
         """
         towards = view.r_camera_body_m[:, None] - r_body_m
         reach_m = np.sqrt(dot(towards, towards))
-        found = self._nearest(r_body_m, facet, view, views, towards / reach_m, TURNED)
-        return np.where(found < reach_m, found, np.inf)
+        found, by = self._nearest(r_body_m, facet, view, views, towards / reach_m, TURNED)
+        return np.where(found < reach_m, found, np.inf), np.where(found < reach_m, by, -1)
 
     def _nearest(self, r_body_m: np.ndarray, facet: np.ndarray, view: BodyView, views: list[BodyView],
-                 towards: np.ndarray, sides: int) -> np.ndarray:
-        """Distances (N,) [m] from points (3, N) [m] of facets (N,) to what is nearest in directions (3, N or 1)."""
-        found, own = np.full(len(facet), np.inf), self._mesh(view)
+                 towards: np.ndarray, sides: int) -> tuple[np.ndarray, np.ndarray]:
+        """Distances (N,) [m] from points (3, N) [m] of facets (N,) to what is nearest in directions (3, N or 1).
+
+        And which of the body's own facets (N,) that is, or -1.
+        """
+        found, by, own = np.full(len(facet), np.inf), np.full(len(facet), -1), self._mesh(view)
         above = r_body_m + own.lift_m(r_body_m, facet, LIFT) * own.normals.take(facet, axis=0).T
         for other in self._blockers(views):
             turn, shift_m = between(view, other)
             rays = np.broadcast_to(turn @ towards, above.shape)
             hits = self._mesh(other).first(turn @ above + shift_m[:, None], rays, sides)
-            found[hits.place] = np.minimum(found[hits.place], hits.distance_m)
-        return found
+            hits = hits.at(np.flatnonzero(hits.distance_m < found.take(hits.place)))
+            found[hits.place] = hits.distance_m
+            by[hits.place] = hits.facet if other.name == view.name else -1
+        return found, by
 
     def products(self, pixel: np.ndarray, camera: PinholeCamera, views: list[BodyView]) -> dict[str, np.ndarray]:
         """Products at places in the image (N, 2) [px], by the names of `BESIDE`."""

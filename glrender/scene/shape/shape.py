@@ -301,6 +301,38 @@ class Shape:
             np.add.at(total, self.facets[:, k], angle[:, None] * self.facet_normals)
         return total / np.linalg.norm(total, axis=1, keepdims=True)
 
+    def with_vertices(self, vertices_m: np.ndarray) -> Shape:
+        """The same facets between other vertices, in the same order: nothing is welded, turned over or left out.
+
+        Parameters
+        ----------
+        vertices_m : (V, 3) array [m]
+
+        Raises
+        ------
+        ShapeError
+            Another number of vertices, one that is not finite or too far away, a facet without an area, or closed
+            shells turned inside out.
+        """
+        try:
+            vertices = np.array(vertices_m, np.float64)
+        except (TypeError, ValueError):
+            raise ShapeError("vertices_m", f"must be numbers of shape {self.vertices_m.shape}", vertices_m) from None
+        if vertices.shape != self.vertices_m.shape:
+            raise ShapeError("vertices_m", f"must have the shape {self.vertices_m.shape} of those before",
+                             vertices.shape, "of another number of vertices make a shape by from_arrays")
+        _check_places(vertices)
+        flat = np.flatnonzero(_are_flat(vertices, self.facets))
+        if len(flat):
+            raise ShapeError(f"facets[{flat[0]}]", "must have an area", vertices[self.facets[flat[0]]].tolist())
+        volume, extent_m = _volume(vertices, self.facets), np.ptp(vertices, axis=0).tolist()
+        if self.report.is_watertight and volume * self.report.volume_m3 < 0.0:
+            raise ShapeError("vertices_m", "must leave closed shells facing as they do", volume,
+                             "do not mirror them, nor push one side through the other")
+        vertices.setflags(write=False)
+        report = replace(self.report, volume_m3=volume, extent_m=tuple(extent_m))
+        return replace(self, vertices_m=vertices, report=report)
+
     def to_file(self, path: str | Path) -> None:
         """Write an OBJ in metres, without texture coordinates; digits enough to read the same float64."""
         lines = [f"v {x!r} {y!r} {z!r}" for x, y, z in self.vertices_m.tolist()]
@@ -323,13 +355,7 @@ def _checked(vertices_m: object, facets: object, uv: object, is_double: np.ndarr
         raise ShapeError("", "needs arrays of numbers") from None
     if vertices.ndim != 2 or vertices.shape[1] != 3 or facets.ndim != 2 or facets.shape[1] != 3 or not len(facets):
         raise ShapeError("", "needs vertices (V, 3) and facets (F, 3)", (vertices.shape, facets.shape))
-    bad = np.flatnonzero(~np.isfinite(vertices).all(axis=1))
-    if len(bad):
-        raise ShapeError(f"vertices[{bad[0]}]", "must be finite", vertices[bad[0]].tolist())
-    far = np.flatnonzero(np.abs(vertices).max(axis=1) > MAX_COORDINATE_M)
-    if len(far):
-        raise ShapeError(f"vertices[{far[0]}]", f"must be within {MAX_COORDINATE_M:g} m of the origin",
-                         vertices[far[0]].tolist(), "is the length unit right?")
+    _check_places(vertices)
     if facets.dtype.kind not in "iu" and not (facets.dtype.kind == "f" and (facets == np.round(facets)).all()):
         raise ShapeError("facets", "must be integers", facets)
     if facets.min() < 0 or facets.max() >= len(vertices):
@@ -340,6 +366,23 @@ def _checked(vertices_m: object, facets: object, uv: object, is_double: np.ndarr
         raise ShapeError("uv", f"must be {(*facets.shape, 2)} finite numbers", uv.shape)
     is_double = np.broadcast_to(False if is_double is None else is_double, len(facets))
     return _repaired(vertices, facets.astype(np.int64), uv, is_double, inside, material)
+
+
+def _check_places(vertices: np.ndarray) -> None:
+    """Refuse vertices (V, 3) [m] that are no place."""
+    bad = np.flatnonzero(~np.isfinite(vertices).all(axis=1))
+    if len(bad):
+        raise ShapeError(f"vertices[{bad[0]}]", "must be finite", vertices[bad[0]].tolist())
+    far = np.flatnonzero(np.abs(vertices).max(axis=1) > MAX_COORDINATE_M)
+    if len(far):
+        raise ShapeError(f"vertices[{far[0]}]", f"must be within {MAX_COORDINATE_M:g} m of the origin",
+                         vertices[far[0]].tolist(), "is the length unit right?")
+
+
+def _are_flat(vertices: np.ndarray, facets: np.ndarray) -> np.ndarray:
+    """Whether facets (F,) have no area: no more than the rounding of their corners, however small they are."""
+    extent, area = float(np.ptp(vertices, axis=0).max()), np.linalg.norm(area_vectors(vertices, facets), axis=1)
+    return area <= 1e-15 * extent * longest_sides(vertices, facets)
 
 
 def _repaired(vertices: np.ndarray, facets: np.ndarray, uv: np.ndarray | None, is_double: np.ndarray, inside: bool,
@@ -388,9 +431,7 @@ def _repaired(vertices: np.ndarray, facets: np.ndarray, uv: np.ndarray | None, i
         flipped, corners = flipped | shells.is_flipped, turned(corners, shells.is_flipped)
     facets, solid = shells.facets, shells.is_solid
     # Facets without an area close their neighbours' edges, and are left out only after shells are known.
-    area, longest = np.linalg.norm(area_vectors(vertices, facets), axis=1), longest_sides(vertices, facets)
-    # Least height of a facet in float64: the rounding of its corners, however small the facet is.
-    kept = area > 1e-15 * extent * longest
+    kept = ~_are_flat(vertices, facets)
     n_degenerate += int((~kept).sum())
     if not kept.any():
         raise ShapeError("", "has no facet with an area", n_degenerate)
