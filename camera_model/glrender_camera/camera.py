@@ -255,4 +255,6 @@ def checked_exposure(name: str, value: object) -> float | str:
     """An exposure [s] > 0, up to 1e6, or "auto"."""
     if isinstance(value, str) and value == "auto":
         return value
+    if isinstance(value, str):
+        raise ConfigError(name, 'must be "auto" or a number of seconds', value)
     return checked_exposure_s(name, value)

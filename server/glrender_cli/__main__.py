@@ -49,6 +49,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Entry point of the console script: 0, or 1 after an error. Wrong arguments exit with 2."""
     argv = sys.argv[1:] if argv is None else list(argv)
     command = next((word for word in argv if not word.startswith("-")), None)
+    handler = logging.StreamHandler()
+    handler.addFilter(is_ours)
+    # Before a command is imported, whose loops may be compiled then.
+    logging.basicConfig(level=logging.WARNING, handlers=[handler], format="glrender: %(message)s")
     parser = parser_of(() if command is None else (command,))
     if command is not None and command not in COMMANDS:
         parser.error(f"unknown command {command!r}; {did_you_mean(command, COMMANDS) or ', '.join(COMMANDS)}")
@@ -57,10 +61,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         known = re.findall(r"--[a-z][a-z-]*", arguments.parser.format_help())
         meant = did_you_mean(strange[0].partition("=")[0], known)
         arguments.parser.error(f"unknown argument {strange[0]!r}{'; ' * bool(meant)}{meant}")
-    handler = logging.StreamHandler()
-    handler.addFilter(is_ours)
-    logging.basicConfig(level=logging.INFO if arguments.verbose else logging.WARNING, handlers=[handler],
-                        format="%(levelname)s %(name)s: %(message)s")
+    if arguments.verbose:
+        handler.setFormatter(logging.Formatter("%(levelname)s %(name)s: %(message)s"))
+        logging.getLogger().setLevel(logging.INFO)
     try:
         return arguments.run(arguments) or 0
     except BrokenPipeError:

@@ -21,6 +21,7 @@ from glrender_camera import (
     StrayLight,
     spectrum,
 )
+from glrender_camera.camera import checked_exposure
 from scipy.integrate import dblquad, quad
 
 # Radiometry
@@ -310,3 +311,8 @@ def test_a_pinhole_camera_foreshortens_its_aperture():
     frames = np.mean([camera.expose(image, seed).electrons[1] for seed in range(400)], axis=0)
     np.testing.assert_allclose(frames[[0, half, -1]] / 2000.0, [0.8660, 1.0, 0.8660],
                                atol=5.0 / np.sqrt(2000.0 * 400))
+
+
+def test_an_exposure_that_is_text_is_told_of_auto():
+    with pytest.raises(ConfigError, match='exposure_s: must be "auto" or a number of seconds, got \'atuo\''):
+        checked_exposure("exposure_s", "atuo")

@@ -76,6 +76,32 @@ def test_ranges_are_those_of_the_file(kind, range_m, folder):
     np.testing.assert_allclose(min(ranges), range_m, atol=1.0)
 
 
+def test_the_fly_by_turns_the_camera_no_faster_than_the_body_passes(folder):
+    """v d / r^2 is the rate of the line of sight; a roll by an unlucky axis is 15 times as fast."""
+    for state in written("encounter", folder).states():
+        range_m = np.linalg.norm(state.spacecraft.r_inertial_m - state.bodies["itokawa"].r_inertial_m)
+        rate_rad_s = np.linalg.norm(state.spacecraft.angular_velocity_rad_s)
+        np.testing.assert_array_less(rate_rad_s, 1.1 * 6000.0 * 4000.0 / range_m**2 + 0.01)
+
+
+def test_a_file_that_is_not_there_is_named_with_the_way_out(folder, capsys):
+    """A camera's ISD is not called bad JSON."""
+    assert main(["init", "--scenario", "isd"]) == 0
+    (folder / "st_2458542208.json").unlink()
+    assert main(["check", "scenario.toml"]) == 1
+    said = capsys.readouterr().err
+    assert "st_2458542208.json: cannot be read: No such file" in said and "relative to that" in said
+    assert "JSON:" not in said
+
+
+def test_a_table_of_semicolons_is_told_of_commas(folder, capsys):
+    assert main(["init", "--scenario", "csv"]) == 0
+    table = folder / "states.csv"
+    table.write_text(table.read_text().replace(",", ";"))
+    assert main(["check", "scenario.toml"]) == 1
+    assert "commas are between columns" in capsys.readouterr().err
+
+
 def test_the_text_files_are_made_by_their_script(tmp_path, monkeypatch):
     """Kernels are compared by the states that they give, above."""
     monkeypatch.setattr(make_cookbook, "write_kernels", lambda *_: None)
@@ -113,3 +139,13 @@ def test_a_table_is_found_by_its_path_its_choice_or_a_field_of_it():
     assert list(found_in(tables, "bodies.brdf.hapke")) == ['bodies.brdf, law = "hapke"']
     assert found_in(tables, "bodies.brdf.b") == {'bodies.brdf, law = "hapke"': [("b",)]}
     assert found_in(tables, "max_error") == {"the file": [("max_error",)]} and not found_in(tables, "bodies.spin")
+
+
+def test_a_path_may_be_a_messages_and_a_field_may_come_alone():
+    tables = {"the file": [("max_error",)], "cameras": [("width_px",)], "spice": [("ids",)], "random": [("frames",)],
+              "time": [("frames",)]}
+    for asked in ("cameras[0]", "[[cameras]]", "[cameras]"):
+        assert found_in(tables, asked) == {"cameras": [("width_px",)]}, asked
+    assert found_in(tables, "cameras[1].width_px") == {"cameras": [("width_px",)]}
+    assert found_in(tables, "ids") == {"spice": [("ids",)]}
+    assert list(found_in(tables, "frames")) == ["random", "time"] and not found_in(tables, "")

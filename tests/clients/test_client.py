@@ -382,6 +382,8 @@ def test_a_state_is_sent_as_its_dictionary(endpoint):
         assert client.range(state, [[0.0, 0.0, 1.0]], "navcam").arrays["range"].shape == (1,)
         with pytest.raises(TypeError, match="object cannot be sent; give numbers, .* or what has `to_dict`"):
             client.render(object(), "navcam")
+        with pytest.raises(ValueError, match="integers must be between .* got 18446744073709551616"):
+            client.render(state, "navcam", output="dn", seed=2**64)
 
     async def asked():
         async with AsyncClient(endpoint) as client:

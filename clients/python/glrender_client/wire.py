@@ -277,5 +277,7 @@ def _plain(value: object) -> object:
         return value.item()
     if hasattr(value, "to_dict"):
         return value.to_dict()
+    if isinstance(value, int):
+        raise ValueError(f"integers must be between -2^63 and 2^64 - 1, got {value}")
     raise TypeError(f"{type(value).__name__} cannot be sent; give numbers, text, lists, dictionaries, NumPy arrays, or "
                     "what has `to_dict`, as a State does")

@@ -100,7 +100,8 @@ def text_of(path: Path) -> str:
     try:
         return path.read_text(encoding="utf-8-sig")
     except OSError as error:
-        raise ConfigError(path.name, f"cannot be read: {error.strerror}", str(path)) from None
+        raise ConfigError(path.name, f"cannot be read: {error.strerror}", str(path),
+                          "in a scenario file names are relative to that") from None
     except UnicodeDecodeError as error:
         raise ConfigError(path.name, f"is no text: {error.reason}", str(path)) from None
 
@@ -169,7 +170,8 @@ def _columns(path: Path, read: Callable[[Path], tuple[Cells, Rows]],
     timed = [name for name in _TIMES if name in cells]
     if len(timed) != 1:
         raise ConfigError(path.name, "must have exactly one column of times", list(cells),
-                          f"one of {', '.join(_TIMES)}")
+                          f"one of {', '.join(_TIMES)}"
+                          + ("; commas are between columns" if any(";" in name for name in cells) else ""))
     for name in cells:
         if name not in (*_TIMES, *_R, *_V, *_Q):
             raise ConfigError(f"{path.name}.{name}", "unknown column", hint=f"known are {', '.join(_R + _V + _Q)}")

@@ -99,8 +99,9 @@ class Isd:
         """
         path = Path(path)
         with error_path(path.name):
+            text = text_of(path)
             try:
-                table = json.loads(text_of(path))
+                table = json.loads(text)
             except ValueError as error:
                 raise ConfigError("", f"is not JSON: {error}") from None
             return _isd(table, lens)

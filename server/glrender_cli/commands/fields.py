@@ -30,7 +30,7 @@ def run(arguments: argparse.Namespace) -> int:
         return 0
     found = found_in(tables, arguments.table)
     if not found:
-        raise ConfigError("TABLE", "is no table of a scene or scenario file", arguments.table,
+        raise ConfigError("TABLE", "is no table or field of a scene or scenario file", arguments.table,
                           did_you_mean(arguments.table, tables) or "`glrender fields` lists all")
     for name, rows in found.items():
         sys.stdout.write(f"{name}\n")
@@ -44,14 +44,21 @@ Rows = list[tuple[str, ...]]
 
 
 def found_in(tables: dict[str, Rows], asked: str) -> dict[str, Rows]:
-    """The tables of a name, as `bodies.spin`, also with their choice, as `bodies.brdf.hapke`; or those with a field."""
+    """The tables of a name, as `bodies.spin`, also with their choice, as `bodies.brdf.hapke`; or those with a field.
+
+    A path may be as messages and files write it, `cameras[0].model` or `[[cameras]]`; a field alone is looked for in
+    all tables where the file itself has none.
+    """
+    asked = re.sub(r"\[\d*\]|[\[\]\s]", "", asked)
     found = {name: rows for name, rows in tables.items() if asked in _names(name)}
     if found:
         return found
     table, _, field = asked.rpartition(".")
-    own = {name: [row for row in rows if row[0] == field] for name, rows in tables.items()
-           if (table or "the file") in _names(name)}
-    return {name: rows for name, rows in own.items() if rows}
+    own = {name: [row for row in rows if row[0] == field] for name, rows in tables.items()}
+    own = {name: rows for name, rows in own.items() if rows}
+    if not table and "the file" not in own:
+        return own
+    return {name: rows for name, rows in own.items() if (table or "the file") in _names(name)}
 
 
 def _names(name: str) -> set[str]:
