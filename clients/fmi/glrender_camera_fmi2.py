@@ -26,7 +26,8 @@ class GlrenderCameraFmi2(Fmi2Slave):
 
     def do_step(self, current_time, step_size):
         try:
-            self.unit.step(current_time)
+            for warning in self.unit.step(current_time):
+                self.log(f"glrender: {warning}", Fmi2Status.warning)
         except ERRORS as error:
             self.log(f"glrender: {error}", Fmi2Status.error)
             raise  # pythonfmu knows no milder status with which every master stops

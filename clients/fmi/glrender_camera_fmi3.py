@@ -30,7 +30,8 @@ class GlrenderCameraFmi3(Fmi3Slave, CoSimulation):
     def do_step(self, current_time, step_size):
         self.time = current_time + step_size
         try:
-            self.unit.step(current_time)
+            for warning in self.unit.step(current_time):
+                self.log(f"glrender: {warning}", Fmi3Status.warning)
         except ERRORS as error:
             self.log(f"glrender: {error}", Fmi3Status.error)
             return Fmi3StepResult(status=Fmi3Status.error)

@@ -1,7 +1,7 @@
 classdef GlRenderBlock < matlab.System
 %GLRENDERBLOCK  MATLAB System block: a camera's frame per sample time, from a glrender server.
 %   Signals as in sfun_glrender; runs by interpreted execution. In plain MATLAB:
-%   block = GlRenderBlock('Camera', 'navcam', 'ImageSize', [1024 1024]); image = block(r_sun, spacecraft, bodies);
+%   block = GlRenderBlock('Camera', 'navcam', 'ImageSize', [1024 1024]); [image, facts] = block(r_sun, spacecraft, bodies);
 
   properties (Nontunable)
     Host = '127.0.0.1'
@@ -14,6 +14,7 @@ classdef GlRenderBlock < matlab.System
     Seed = 0
     SampleTime = 0.1
     Timeout = 10
+    Deadline_s = 0
   end
 
   properties (Access = private)
@@ -39,14 +40,14 @@ classdef GlRenderBlock < matlab.System
       self.Client = GlRenderClient(self.Host, self.Port, 'Timeout', self.Timeout);
     end
 
-    function image = stepImpl(self, r_sun_inertial_m, spacecraft, bodies)
+    function [image, facts] = stepImpl(self, r_sun_inertial_m, spacecraft, bodies)
       % In Simulink the time is the simulation's; called from MATLAB, the frames count it.
       t_s = getCurrentTime(self);
       if isempty(t_s)
         t_s = self.FrameCount * self.SampleTime;
       end
       state = glr_state(strsplit(self.Bodies, ','), t_s, r_sun_inertial_m, spacecraft, bodies);
-      image = glr_block_image(self.Client, self.Settings, state, self.FrameCount);
+      [image, facts] = glr_block_image(self.Client, self.Settings, state, self.FrameCount);
       self.FrameCount = self.FrameCount + 1;
     end
 
@@ -65,24 +66,28 @@ classdef GlRenderBlock < matlab.System
       varargout = {'r_sun_inertial_m', 'spacecraft', 'bodies'};
     end
 
-    function name = getOutputNamesImpl(~)
-      name = 'image';
+    function count = getNumOutputsImpl(~)
+      count = 2;
     end
 
-    function dimensions = getOutputSizeImpl(self)
-      dimensions = self.ImageSize;
+    function varargout = getOutputNamesImpl(~)
+      varargout = {'image', 'facts'};
     end
 
-    function name = getOutputDataTypeImpl(self)
-      name = self.PixelClass;
+    function varargout = getOutputSizeImpl(self)
+      varargout = {self.ImageSize, [4 1]};
     end
 
-    function yes = isOutputComplexImpl(~)
-      yes = false;
+    function varargout = getOutputDataTypeImpl(self)
+      varargout = {self.PixelClass, 'double'};
     end
 
-    function yes = isOutputFixedSizeImpl(~)
-      yes = true;
+    function varargout = isOutputComplexImpl(~)
+      varargout = {false, false};
+    end
+
+    function varargout = isOutputFixedSizeImpl(~)
+      varargout = {true, true};
     end
 
     function sample_time = getSampleTimeImpl(self)
@@ -93,7 +98,7 @@ classdef GlRenderBlock < matlab.System
   methods (Access = private)
     function settings = settings_now(self)
       settings = glr_settings({self.Host, self.Port, self.Camera, self.Bodies, self.PixelClass, self.ImageSize, ...
-                               self.Exposure_s, self.Seed, self.SampleTime, self.Timeout});
+                               self.Exposure_s, self.Seed, self.SampleTime, self.Timeout, self.Deadline_s});
     end
   end
 

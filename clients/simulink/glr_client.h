@@ -103,6 +103,8 @@ typedef struct {
     uint64_t seeds[GLR_MAX_IMAGES]; /* by frame: of the noise of digital numbers */
     int is_late[GLR_MAX_IMAGES];    /* by frame: whether it took longer than its deadline_s */
     glr_comparison comparison;      /* of glr_compare */
+    double exposure_s[GLR_MAX_IMAGES];      /* by frame: of digital numbers, as "auto" chose it [s]; else NaN */
+    double predicted_error[GLR_MAX_IMAGES]; /* by frame: RMS over the mean of lit pixels [1] */
     const void *header;             /* all of it as msgpack, the client's until its next call: plan, stages, ... */
     size_t n_header_bytes;
 } glr_reply;

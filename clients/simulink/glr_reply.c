@@ -1,5 +1,6 @@
 #include "glr_message.h"
 
+#include <math.h>
 #include <string.h>
 
 static glr_reader header_of(const glr_message *message) {
@@ -174,6 +175,17 @@ static void read_comparison(glr_reader *in, glr_comparison *found) {
     }
 }
 
+static double read_predicted_error(glr_reader *in) {
+    uint32_t n_pairs = glr_get_map(in), k;
+    double found = NAN;
+    for (k = 0; k < n_pairs && !in->failed; k++)
+        if (glr_text_is(glr_get_text(in), "predicted_error"))
+            found = glr_get_number(in);
+        else
+            glr_skip(in);
+    return found;
+}
+
 /* Whether a pair is a fact of one frame; its value is read then. */
 static int read_fact(glr_reader *in, glr_text key, glr_reply *reply, uint32_t frame) {
     if (frame >= GLR_MAX_IMAGES)
@@ -184,6 +196,10 @@ static int read_fact(glr_reader *in, glr_text key, glr_reply *reply, uint32_t fr
         reply->seeds[frame] = glr_get_uint(in);
     else if (glr_text_is(key, "is_late"))
         reply->is_late[frame] = glr_get_bool(in);
+    else if (glr_text_is(key, "exposure_s"))
+        reply->exposure_s[frame] = glr_get_number(in);
+    else if (glr_text_is(key, "plan"))
+        reply->predicted_error[frame] = read_predicted_error(in);
     else
         return 0;
     return 1;
@@ -204,6 +220,8 @@ int glr_read_render(const glr_message *message, glr_reply *reply, glr_error *err
     uint32_t n_pairs = glr_get_map(&in), k;
     int ok = 0, has_comparison = 0;
     memset(reply, 0, sizeof *reply);
+    for (k = 0; k < GLR_MAX_IMAGES; k++)
+        reply->exposure_s[k] = reply->predicted_error[k] = NAN;
     reply->header = message->parts[0];
     reply->n_header_bytes = message->sizes[0];
     for (k = 0; k < n_pairs && !in.failed; k++) {

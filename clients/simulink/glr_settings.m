@@ -1,10 +1,12 @@
 function settings = glr_settings(values)
-%GLR_SETTINGS  The ten parameters of a block, in their order, checked; a struct.
-%   Host, Port, Camera, Bodies ('didymos,dimorphos'), PixelClass, ImageSize, Exposure_s, Seed, SampleTime, Timeout.
+%GLR_SETTINGS  The eleven parameters of a block, in their order, checked; a struct.
+%   Host, Port, Camera, Bodies ('didymos,dimorphos'), PixelClass, ImageSize, Exposure_s, Seed, SampleTime, Timeout,
+%   Deadline_s.
 %   Without an argument: the defaults. Errors: glrender:argument.
-  names = {'Host', 'Port', 'Camera', 'Bodies', 'PixelClass', 'ImageSize', 'Exposure_s', 'Seed', 'SampleTime', 'Timeout'};
+  names = {'Host', 'Port', 'Camera', 'Bodies', 'PixelClass', 'ImageSize', 'Exposure_s', 'Seed', 'SampleTime', 'Timeout', ...
+           'Deadline_s'};
   if nargin < 1
-    values = {'127.0.0.1', 5556, 'navcam', 'body', 'uint16', [1024 1024], 0, 0, 0.1, 10};
+    values = {'127.0.0.1', 5556, 'navcam', 'body', 'uint16', [1024 1024], 0, 0, 0.1, 10, 0};
   end
   if numel(values) ~= numel(names)
     error('glrender:argument', 'the block has %d parameters, not %d', numel(names), numel(values));
@@ -22,6 +24,7 @@ function settings = glr_settings(values)
        sprintf('Seed must be an integer from 0 to 2^32 - 1, got %s', disp_of(settings.Seed)));
   rule(is_number(settings.SampleTime) && settings.SampleTime > 0, 'SampleTime must be > 0 [s]');
   rule(is_number(settings.Timeout) && settings.Timeout > 0, 'Timeout must be > 0 [s]');
+  rule(is_number(settings.Deadline_s) && settings.Deadline_s >= 0, 'Deadline_s must be >= 0 [s]; 0 is none');
 end
 
 function rule(holds, text)

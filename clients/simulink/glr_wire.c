@@ -1,5 +1,6 @@
 #include "glr_wire.h"
 
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -197,6 +198,13 @@ double glr_get_double(glr_reader *in) {
     bits = number(in, sizeof bits);
     memcpy(&value, &bits, sizeof value);
     return in->failed ? 0.0 : value;
+}
+
+double glr_get_number(glr_reader *in) {
+    if (in->failed || in->at >= in->end || *in->at != 0xc0)
+        return glr_get_double(in);
+    in->at++;
+    return NAN;
 }
 
 int glr_get_bool(glr_reader *in) {

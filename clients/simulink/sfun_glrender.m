@@ -2,17 +2,18 @@ function sfun_glrender(block)
 %SFUN_GLRENDER  Level-2 MATLAB S-function: a camera's frame per sample time, from a glrender server.
 %   Inputs: r_sun_inertial_m (3) [m]; spacecraft (7): r_inertial_m [m], q_from_inertial [w x y z]
 %   (the conjugate of Aerospace Blockset's quaternion);
-%   bodies (7 for each): the same, in the order of Bodies. Output: the image, height x width, row 1 on top.
+%   bodies (7 for each): the same, in the order of Bodies. Outputs: the image, height x width, row 1 on top;
+%   facts (4), as of glr_block_image: predicted error, exposure [s], whether it is late, number of warnings.
 %   Parameters: those of glr_settings. Time is the simulation's. An error of the server stops the simulation.
   setup(block);
 end
 
 function setup(block)
-  block.NumDialogPrms = 10;
-  block.DialogPrmsTunable = repmat({'Nontunable'}, 1, 10);
+  block.NumDialogPrms = 11;
+  block.DialogPrmsTunable = repmat({'Nontunable'}, 1, 11);
   settings = settings_of(block);
   block.NumInputPorts = 3;
-  block.NumOutputPorts = 1;
+  block.NumOutputPorts = 2;
   block.SetPreCompInpPortInfoToDynamic;
   block.SetPreCompOutPortInfoToDynamic;
   widths = [3, 7, 7 * numel(strsplit(settings.Bodies, ','))];
@@ -26,8 +27,12 @@ function setup(block)
   ids = struct('single', 1, 'uint8', 3, 'uint16', 5);
   block.OutputPort(1).Dimensions = reshape(double(settings.ImageSize), 1, 2);
   block.OutputPort(1).DatatypeID = ids.(settings.PixelClass);
-  block.OutputPort(1).Complexity = 'Real';
-  block.OutputPort(1).SamplingMode = 'Sample';
+  block.OutputPort(2).Dimensions = 4;
+  block.OutputPort(2).DatatypeID = 0;
+  for k = 1:2
+    block.OutputPort(k).Complexity = 'Real';
+    block.OutputPort(k).SamplingMode = 'Sample';
+  end
   block.SampleTimes = [settings.SampleTime 0];
   block.SimStateCompliance = 'DisallowSimState';
   block.SetAccelRunOnTLC(false);
@@ -39,8 +44,8 @@ function setup(block)
 end
 
 function settings = settings_of(block)
-  values = cell(1, 10);
-  for k = 1:10
+  values = cell(1, 11);
+  for k = 1:11
     values{k} = block.DialogPrm(k).Data;
   end
   settings = glr_settings(values);
@@ -60,7 +65,7 @@ function outputs(block)
   kept = glr_block_store(block.BlockHandle);
   state = glr_state(strsplit(kept.settings.Bodies, ','), block.CurrentTime, block.InputPort(1).Data, ...
                     block.InputPort(2).Data, block.InputPort(3).Data);
-  block.OutputPort(1).Data = glr_block_image(kept.client, kept.settings, state, kept.n_frames);
+  [block.OutputPort(1).Data, block.OutputPort(2).Data] = glr_block_image(kept.client, kept.settings, state, kept.n_frames);
   kept.n_frames = kept.n_frames + 1;
   glr_block_store(block.BlockHandle, kept);
 end

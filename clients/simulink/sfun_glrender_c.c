@@ -3,7 +3,7 @@
  *     mex sfun_glrender_c.c glr_client.c glr_request.c glr_reply.c glr_socket.c glr_wire.c     (Windows: add -lws2_32)
  *
  * Inputs: r_sun_inertial_m (3); spacecraft (7): r_inertial_m, q_from_inertial; bodies (7 x n): the same for each.
- * Output: the image, height x width. Parameters as in sfun_glrender.m.
+ * Outputs: the image, height x width; facts (4), as in sfun_glrender.m. Parameters: those of glr_settings.m.
  */
 #define S_FUNCTION_NAME sfun_glrender_c
 #define S_FUNCTION_LEVEL 2
@@ -17,8 +17,11 @@
 
 #include "glr_client.h"
 
-enum { HOST, PORT, CAMERA, BODIES, PIXEL_CLASS, IMAGE_SIZE, EXPOSURE_S, SEED, SAMPLE_TIME_S, TIMEOUT_S, N_PARAMETERS };
+enum { HOST, PORT, CAMERA, BODIES, PIXEL_CLASS, IMAGE_SIZE, EXPOSURE_S, SEED, SAMPLE_TIME_S, TIMEOUT_S, DEADLINE_S,
+       N_PARAMETERS };
 enum { SUN, SPACECRAFT, BODY_POSES, N_INPUTS };
+enum { IMAGE, FACTS, N_OUTPUTS };
+enum { PREDICTED_ERROR, EXPOSURE, IS_LATE, N_WARNINGS, N_FACTS };
 #define MAX_BODIES 32
 #define TEXT_BYTES 1024
 #define MAX_SIDE_PX 32768 /* of the image: beyond what a server draws, and its area fits Simulink's int */
@@ -32,7 +35,8 @@ typedef struct {
     char camera[TEXT_BYTES], bodies[TEXT_BYTES];
     const char *names[MAX_BODIES];
     glr_pose poses[MAX_BODIES];
-    uint32_t n_bodies;
+    uint32_t n_bodies, n_told;
+    char told[GLR_MAX_WARNINGS][32]; /* codes of the warnings that Simulink has shown */
 } block;
 
 /* NaN where the parameter is not one number. */
@@ -106,6 +110,8 @@ static void mdlCheckParameters(SimStruct *S) {
         ssSetErrorStatus(S, message);
     } else if (!(parameter(S, SAMPLE_TIME_S) > 0.0) || !(parameter(S, TIMEOUT_S) > 0.0))
         ssSetErrorStatus(S, "glrender: SampleTime and Timeout must be > 0");
+    else if (!(parameter(S, DEADLINE_S) >= 0.0))
+        ssSetErrorStatus(S, "glrender: Deadline_s must be >= 0 [s]; 0 is none");
 }
 
 static void mdlInitializeSizes(SimStruct *S) {
@@ -119,7 +125,7 @@ static void mdlInitializeSizes(SimStruct *S) {
         return;
     for (k = 0; k < N_PARAMETERS; k++)
         ssSetSFcnParamTunable(S, k, 0);
-    if (!ssSetNumInputPorts(S, N_INPUTS) || !ssSetNumOutputPorts(S, 1))
+    if (!ssSetNumInputPorts(S, N_INPUTS) || !ssSetNumOutputPorts(S, N_OUTPUTS))
         return;
     ssSetInputPortWidth(S, SUN, 3);
     ssSetInputPortWidth(S, SPACECRAFT, 7);
@@ -130,8 +136,10 @@ static void mdlInitializeSizes(SimStruct *S) {
         ssSetInputPortRequiredContiguous(S, k, 1);
     }
     size = mxGetPr(ssGetSFcnParam(S, IMAGE_SIZE));
-    ssSetOutputPortMatrixDimensions(S, 0, (int_T)size[0], (int_T)size[1]);
-    ssSetOutputPortDataType(S, 0, class_id(S));
+    ssSetOutputPortMatrixDimensions(S, IMAGE, (int_T)size[0], (int_T)size[1]);
+    ssSetOutputPortDataType(S, IMAGE, class_id(S));
+    ssSetOutputPortWidth(S, FACTS, N_FACTS);
+    ssSetOutputPortDataType(S, FACTS, SS_DOUBLE);
     ssSetNumSampleTimes(S, 1);
     ssSetNumPWork(S, 1);
     ssSetOptions(S, SS_OPTION_EXCEPTION_FREE_CODE);
@@ -157,6 +165,7 @@ static void mdlStart(SimStruct *S) {
     self->options.camera = self->camera;
     self->options.is_dn = class_id(S) != SS_SINGLE;
     self->options.exposure_s = parameter(S, EXPOSURE_S);
+    self->options.deadline_s = parameter(S, DEADLINE_S);
     self->options.is_column_major = 1;
     self->first_seed = (uint64_t)parameter(S, SEED);
     self->client = glr_open(host, (int)parameter(S, PORT), parameter(S, TIMEOUT_S));
@@ -173,7 +182,31 @@ static void get_pose(glr_pose *pose, const real_T *values) {
 static int fits_output(SimStruct *S, const glr_image *image, const char *dtype, size_t item_bytes) {
     const double *size = mxGetPr(ssGetSFcnParam(S, IMAGE_SIZE));
     return image->height == size[0] && image->width == size[1] && image->depth == 1 && !strcmp(image->dtype, dtype)
-           && image->n_bytes == (size_t)ssGetOutputPortWidth(S, 0) * item_bytes;
+           && image->n_bytes == (size_t)ssGetOutputPortWidth(S, IMAGE) * item_bytes;
+}
+
+/* Each kind of warning once in a simulation. */
+static void show_warnings(SimStruct *S, block *self, const glr_reply *reply) {
+    static char message[320];
+    uint32_t k, j;
+    for (k = 0; k < reply->n_warnings; k++) {
+        const glr_warning *warning = &reply->warnings[k];
+        for (j = 0; j < self->n_told && strcmp(self->told[j], warning->code); j++)
+            ;
+        if (j < self->n_told || j == GLR_MAX_WARNINGS)
+            continue;
+        memcpy(self->told[self->n_told++], warning->code, sizeof warning->code);
+        snprintf(message, sizeof message, "glrender:%s: %s", warning->code, warning->message);
+        ssWarning(S, message);
+    }
+}
+
+static void put_facts(SimStruct *S, const glr_reply *reply) {
+    real_T *facts = ssGetOutputPortSignal(S, FACTS);
+    facts[PREDICTED_ERROR] = reply->predicted_error[0];
+    facts[EXPOSURE] = reply->exposure_s[0];
+    facts[IS_LATE] = reply->is_late[0];
+    facts[N_WARNINGS] = reply->n_warnings;
 }
 
 static void mdlOutputs(SimStruct *S, int_T tid) {
@@ -187,7 +220,8 @@ static void mdlOutputs(SimStruct *S, int_T tid) {
     const double *size = mxGetPr(ssGetSFcnParam(S, IMAGE_SIZE));
     const real_T *poses = ssGetInputPortSignal(S, BODY_POSES);
     glr_state state;
-    glr_image image;
+    static glr_reply reply; /* some KiB */
+    const glr_image *image = &reply.images[0];
     uint32_t k;
     (void)tid;
     wanted = &classes[id == SS_UINT8 ? 0 : id == SS_UINT16 ? 1 : 2];
@@ -201,18 +235,20 @@ static void mdlOutputs(SimStruct *S, int_T tid) {
     state.bodies = self->poses;
     /* Frames of two seeds share no noise: the seed above, the number of the frame below 2^32. */
     self->options.seed = (self->first_seed << 32) + self->n_frames++;
-    if (glr_render(self->client, &state, &self->options, &image)) {
+    if (glr_render_frames(self->client, &state, &self->options, 1, &reply)) {
         snprintf(message, sizeof message, "glrender:%s: %s", glr_error_code(self->client),
                  glr_error_message(self->client));
         ssSetErrorStatus(S, message);
-    } else if (!fits_output(S, &image, wanted->dtype, wanted->item_bytes)) {
+    } else if (!fits_output(S, image, wanted->dtype, wanted->item_bytes)) {
         snprintf(message, sizeof message, "glrender: camera %s gives %u x %u%s %s, the block expects %.0f x %.0f %s",
-                 self->camera, (unsigned)image.height, (unsigned)image.width,
-                 image.depth == 1 ? "" : image.depth == 2 ? " x 2" : " x 3", image.dtype, size[0], size[1],
+                 self->camera, (unsigned)image->height, (unsigned)image->width,
+                 image->depth == 1 ? "" : image->depth == 2 ? " x 2" : " x 3", image->dtype, size[0], size[1],
                  wanted->dtype);
         ssSetErrorStatus(S, message);
     } else {
-        memcpy(ssGetOutputPortSignal(S, 0), image.pixels, image.n_bytes);
+        memcpy(ssGetOutputPortSignal(S, IMAGE), image->pixels, image->n_bytes);
+        put_facts(S, &reply);
+        show_warnings(S, self, &reply);
     }
 }
 

@@ -48,14 +48,14 @@ def live(tmp_path_factory):
 
 
 def simulate(build, address, out, *, camera="navcam", bodies="body", kind="uint16", size=(64, 96), exposure="0.02",
-             seed="7", sample_time="0.5", timeout="20", n_steps=3, state=STATE):
+             seed="7", sample_time="0.5", timeout="20", deadline="0", n_steps=3, state=STATE):
     """Runs the S-function; (exit code, what it said)."""
     host, port = address
     pose = lambda p: [*p["r_inertial_m"], *p["q_from_inertial"]]  # noqa: E731
     numbers = np.array([*state["r_sun_inertial_m"], *pose(state["spacecraft"]),
                         *(x for name in bodies.split(",") for x in pose(state["bodies"][name]))], "<f8")
     run = subprocess.run([build(SIMULINK / "sfun_glrender_c.c"), host, str(port), camera, bodies, kind,
-                          *map(str, size), exposure, seed, sample_time, timeout, str(n_steps), out],
+                          *map(str, size), exposure, seed, sample_time, timeout, deadline, str(n_steps), out],
                          input=numbers.tobytes(), capture_output=True, timeout=60)
     assert b"Sanitizer" not in run.stderr and b"runtime error" not in run.stderr, run.stderr.decode()
     return run.returncode, run.stdout.decode() + run.stderr.decode()
@@ -65,15 +65,29 @@ def simulate(build, address, out, *, camera="navcam", bodies="body", kind="uint1
                                                 ("navcam", "single", (64, 96))])
 def test_the_c_s_function_gives_pythons_pixels(build, live, tmp_path, camera, kind, size):
     endpoint, address = live
-    assert simulate(build, address, tmp_path / "out", camera=camera, kind=kind, size=size) == (0, "")
+    code, said = simulate(build, address, tmp_path / "out", camera=camera, kind=kind, size=size)
+    assert code == 0
     dtype = {"uint8": np.uint8, "uint16": np.uint16, "single": np.float32}[kind]
-    frames = np.fromfile(tmp_path / "out", dtype).reshape(3, size[1], size[0])
+    written = np.fromfile(tmp_path / "out", [("image", dtype, size[::-1]), ("facts", float, 4)])
+    frames = written["image"]
     assert frames.max() > 0
     with Client(endpoint) as client:
         for k, frame in enumerate(frames):
             options = {} if kind == "single" else {"output": "dn", "exposure_s": 0.02, "seed": 7 * 2**32 + k}
-            expected = client.render({**STATE, "t_s": 0.5 * k}, camera, **options).pixels
-            np.testing.assert_array_equal(frame.T, expected)
+            reply = client.render({**STATE, "t_s": 0.5 * k}, camera, **options)
+            np.testing.assert_array_equal(frame.T, reply.pixels)
+            np.testing.assert_array_equal(written["facts"][k], [
+                reply.header["plan"]["predicted_error"], reply.header.get("exposure_s", np.nan), 0.0, len(reply.warnings)])
+            assert [f"warning: glrender:{each.code}: {each.message}" for each in reply.warnings] == said.splitlines()
+
+
+def test_the_c_s_function_says_once_what_is_odd_and_each_time_what_is_late(build, live, tmp_path):
+    code, said = simulate(build, live[1], tmp_path / "out", exposure="10", deadline="1e-6")
+    assert code == 0 and said.count("warning: ") == said.count("warning: glrender:") == len(set(said.splitlines()))
+    assert said.count("warning: glrender:saturated: ") == 1
+    facts = np.fromfile(tmp_path / "out", [("image", np.uint16, (96, 64)), ("facts", float, 4)])["facts"]
+    np.testing.assert_array_equal(facts[:, 1:3], [[10.0, 1.0]] * 3)
+    np.testing.assert_array_equal(facts[:, 3] >= said.count("warning: "), True)
 
 
 @pytest.mark.parametrize("changes, where, message", [
@@ -90,6 +104,8 @@ def test_the_c_s_function_gives_pythons_pixels(build, live, tmp_path, camera, ki
     *(({"seed": seed}, "mdlInitializeSizes", f"Seed must be an integer from 0 to 2^32 - 1, got {seed}")
       for seed in ("4294967296", "9007199254740992", "-1", "0.5", "nan")),
     ({"exposure": "-1"}, "mdlInitializeSizes", "Exposure_s must be >= 0"),
+    ({"deadline": "-1"}, "mdlInitializeSizes", "Deadline_s must be >= 0"),
+    ({"deadline": "nan"}, "mdlInitializeSizes", "Deadline_s must be >= 0"),
 ])
 def test_the_c_s_function_says_what_is_wrong_and_frees_all(build, live, tmp_path, changes, where, message):
     code, said = simulate(build, live[1], tmp_path / "out", **changes)

@@ -164,8 +164,22 @@ def test_before_the_first_frame_nothing_is_measured(fmpy, units, endpoint, versi
     first = fmpy.simulate_fmu(str(units[version]), stop_time=1.0, output_interval=1.0,
                               start_values=start(endpoint, 30.0))[0]
     assert first["time"] == 0.0 and not first["is_valid"]
-    numbers = [name for name in first.dtype.names if name not in ("time", "is_valid")]
-    assert len(numbers) == 10 and all(math.isnan(first[name]) for name in numbers)
+    numbers = [name for name in first.dtype.names if name not in ("time", "is_valid", "is_late")]
+    assert len(numbers) == 12 and all(math.isnan(first[name]) for name in numbers)
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_what_is_odd_or_late_is_said(fmpy, units, endpoint, version):
+    """Each kind of warning once in the log, its number at each step; a frame in a microsecond is late."""
+    lines, late = [], {"exposure_s": 0.01, "deadline_s": 1e-6}
+    rows = fmpy.simulate_fmu(str(units[version]), stop_time=2.0, output_interval=1.0, debug_logging=True, logger=(
+        lambda *each: lines.append(str(each))), start_values=start(endpoint, 30.0, **late))
+    assert all(rows["is_late"][1:]) and min(rows["n_warnings"][1:]) >= 1.0
+    np.testing.assert_array_equal(rows["used_exposure_s"][1:], 0.01)
+    assert "\n".join(lines).count("glrender: saturated: ") == 1
+    last = fmpy.simulate_fmu(str(units[version]), stop_time=1.0, output_interval=1.0,
+                             start_values=start(endpoint, 30.0))[-1]
+    assert not last["is_late"] and last["n_warnings"] == 0.0 and last["used_exposure_s"] == pytest.approx(4e-6)
 
 
 @pytest.mark.parametrize("version, status", [(2, "fatal"), (3, "error")])

@@ -35,6 +35,8 @@ OUTPUTS = {
     "saturated_share": "share of saturated pixels [1]",
     "max_dn": "brightest pixel [DN]",
     "predicted_error": "error that the renderer predicts, RMS over the mean of lit pixels [1]",
+    "used_exposure_s": "exposure of the frame, also where the camera chose it [s]",
+    "n_warnings": "number of the frame's warnings; the unit's log has each kind once [1]",
 }
 _POSITION, _QUATERNION = ("r_x_m", "r_y_m", "r_z_m"), ("q_w", "q_x", "q_y", "q_z")
 _AU_M = 149597870700.0
@@ -74,6 +76,8 @@ class CameraUnit:
         ``sun.r_x_m``, ``spacecraft.q_w``, ``<body>.r_z_m``, ...; inertial, and from inertial to the frame's own.
     is_valid : bool
         Whether the last frame has a lit limb of a body near a sphere.
+    is_late : bool
+        Whether the last frame took longer than `deadline_s`.
     """
 
     def __init__(self, resources: str | Path):
@@ -84,7 +88,8 @@ class CameraUnit:
         for frame in ("spacecraft", *map(_name, self._bodies)):
             self.inputs |= {f"{frame}.{name}": float(name == "q_w") for name in (*_POSITION, *_QUATERNION)}
         self.outputs = dict.fromkeys(OUTPUTS, math.nan)  # before the first frame
-        self.is_valid = False
+        self.is_valid = self.is_late = False
+        self._told: set[str] = set()
         self._client: Client | None = None
         self._camera: dict[str, Any] = {}
         self._radius_m, self._n_frames = 0.0, 0
@@ -109,16 +114,20 @@ class CameraUnit:
                                                  **output))
         slave.register_variable(kinds.flag("is_valid", getter=lambda: self.is_valid, **output, description=(
             "whether the last frame has a lit limb of a body near a sphere")))
+        slave.register_variable(kinds.flag("is_late", getter=lambda: self.is_late, **output, description=(
+            "whether the last frame took longer than deadline_s")))
 
-    def step(self, t_s: float) -> None:
+    def step(self, t_s: float) -> list[str]:
         """Take a frame of the inputs, which hold at a time, and put its measurements into the outputs.
+
+        Returns the warnings of kinds that no earlier frame had, for the log.
 
         Raises
         ------
         GlrenderClientError, UnitError
             The outputs are not valid then.
         """
-        self.is_valid = False
+        self.is_valid = self.is_late = False
         if self._client is None:
             self._connect()
         exposure_s, deadline_s = self.parameters["exposure_s"], self.parameters["deadline_s"]
@@ -130,7 +139,13 @@ class CameraUnit:
         dn = np.asarray(reply.pixels, float)
         found = measured(dn, self._camera, self._sun_direction_camera(), self._radius_m)
         self._put(found, saturated_share=reply.header["n_saturated_px"] / dn.size, max_dn=float(dn.max()),
-                  predicted_error=float(reply.header["plan"]["predicted_error"]))
+                  predicted_error=float(reply.header["plan"]["predicted_error"]),
+                  used_exposure_s=float(reply.header["exposure_s"]), n_warnings=float(len(reply.warnings)))
+        self.is_late = bool(reply.header.get("is_late", False))
+        new = {warning.code: f"{warning.code}: {warning.message}" for warning in reversed(reply.warnings)
+               if warning.code not in self._told}
+        self._told |= new.keys()
+        return list(new.values())
 
     def close(self) -> None:
         """Close the connection."""

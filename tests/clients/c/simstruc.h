@@ -23,12 +23,12 @@ static int mxGetString(const mxArray *a, char *out, size_t size) {
 }
 
 typedef struct { int_T width, type, is_direct, is_contiguous; double *signal; } port;
+typedef struct { int_T height, width, type; void *signal; } output_port;
 typedef struct {
     mxArray parameters[16];
     int_T n_expected, n_given, n_inputs, n_outputs, n_sample_times, n_pwork, in_start;
     port inputs[8];
-    int_T height, width, output_type;
-    void *output;
+    output_port outputs[2];
     void *pwork[1];
     double sample_time, t;
     const char *error;
@@ -45,9 +45,12 @@ typedef struct {
 #define ssSetInputPortDataType(S, k, t) (assert((k) < (S)->n_inputs), (S)->inputs[k].type = (t))
 #define ssSetInputPortDirectFeedThrough(S, k, is) ((S)->inputs[k].is_direct = (is))
 #define ssSetInputPortRequiredContiguous(S, k, is) ((S)->inputs[k].is_contiguous = (is))
-#define ssSetOutputPortMatrixDimensions(S, k, h, w) (assert((k) < (S)->n_outputs), (S)->height = (h), (S)->width = (w))
-#define ssGetOutputPortWidth(S, k) (assert((k) < (S)->n_outputs), (S)->height * (S)->width)
-#define ssSetOutputPortDataType(S, k, t) ((S)->output_type = (t))
+#define OUTPUT(S, k) (assert((k) < (S)->n_outputs), &(S)->outputs[k])
+#define ssSetOutputPortMatrixDimensions(S, k, h, w) (OUTPUT(S, k)->height = (h), (S)->outputs[k].width = (w))
+#define ssSetOutputPortWidth(S, k, w) ssSetOutputPortMatrixDimensions(S, k, w, 1)
+#define ssGetOutputPortWidth(S, k) (OUTPUT(S, k)->height * (S)->outputs[k].width)
+#define ssSetOutputPortDataType(S, k, t) (OUTPUT(S, k)->type = (t))
+#define ssWarning(S, m) ((void)(S), printf("warning: %s\n", (m)))
 #define ssSetNumSampleTimes(S, n) ((S)->n_sample_times = (n))
 #define ssSetNumPWork(S, n) (assert((n) <= 1), (S)->n_pwork = (n))
 #define ssSetOptions(S, o) ((void)(S), (void)(o))
@@ -62,5 +65,5 @@ typedef struct {
  * contiguity was required. */
 #define ssGetInputPortSignal(S, k) \
     (assert((k) < (S)->n_inputs && (S)->inputs[k].is_direct && (S)->inputs[k].is_contiguous), (S)->inputs[k].signal)
-#define ssGetOutputPortSignal(S, k) (assert((k) < (S)->n_outputs), (S)->output)
+#define ssGetOutputPortSignal(S, k) (OUTPUT(S, k)->signal)
 #endif

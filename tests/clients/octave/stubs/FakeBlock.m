@@ -62,7 +62,7 @@ classdef FakeBlock < handle
       check(any(strcmp(self.SimStateCompliance, {'DefaultSimState', 'HasNoSimState', 'DisallowSimState', 'UnknownSimState'})), ...
             'SimStateCompliance');
     end
-    function image = output_at(self, t, varargin)
+    function [image, facts] = output_at(self, t, varargin)
       check(numel(varargin) == self.NumInputPorts, 'a value for each port');
       for k = 1:numel(varargin)
         check(self.InputPort(k).DatatypeID == 0 && isa(varargin{k}, 'double'), 'inputs are double');
@@ -76,6 +76,8 @@ classdef FakeBlock < handle
       classes = {'double', 'single', 'int8', 'uint8', 'int16', 'uint16', 'int32', 'uint32', 'boolean'};
       check(isa(image, classes{self.OutputPort(1).DatatypeID + 1}), 'class of the output');
       check(isequal(size(image), self.OutputPort(1).Dimensions), 'size of the output');
+      facts = self.OutputPort(2).Data;
+      check(isa(facts, 'double') && numel(facts) == self.OutputPort(2).Dimensions && self.OutputPort(2).DatatypeID == 0, 'facts');
     end
     function call(self, name)
       method = self.Methods.(name);

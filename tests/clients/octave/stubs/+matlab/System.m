@@ -13,12 +13,19 @@ classdef System < handle
         self.setupImpl(varargin{:});
         self.IsSetUp = true;
       end
-      varargout = cell(1, 1);
+      n = self.getNumOutputsImpl();
+      [varargout, sizes, types, are_complex, are_fixed] = deal(cell(1, n));
       [varargout{:}] = self.stepImpl(varargin{:});
       % What the block has declared to Simulink must be what comes.
-      check(isequal(size(varargout{1}), self.getOutputSizeImpl()), 'size of the output');
-      check(isa(varargout{1}, self.getOutputDataTypeImpl()), 'class of the output');
-      check(isreal(varargout{1}) && ~self.isOutputComplexImpl() && self.isOutputFixedSizeImpl(), 'output');
+      [sizes{:}] = self.getOutputSizeImpl();
+      [types{:}] = self.getOutputDataTypeImpl();
+      [are_complex{:}] = self.isOutputComplexImpl();
+      [are_fixed{:}] = self.isOutputFixedSizeImpl();
+      for k = 1:n
+        check(isequal(size(varargout{k}), sizes{k}), 'size of an output');
+        check(isa(varargout{k}, types{k}), 'class of an output');
+        check(isreal(varargout{k}) && ~are_complex{k} && are_fixed{k}, 'output');
+      end
     end
     function release(self)
       if self.IsSetUp
@@ -44,7 +51,9 @@ classdef System < handle
     function s = declared(self)
       names = cell(1, self.getNumInputsImpl());
       [names{:}] = self.getInputNamesImpl();
-      s = struct('inputs', {names}, 'output', self.getOutputNamesImpl(), 'sample_time', self.getSampleTimeImpl());
+      outputs = cell(1, self.getNumOutputsImpl());
+      [outputs{:}] = self.getOutputNamesImpl();
+      s = struct('inputs', {names}, 'outputs', {outputs}, 'sample_time', self.getSampleTimeImpl());
     end
   end
   methods (Access = protected)
@@ -63,20 +72,23 @@ classdef System < handle
     function varargout = getInputNamesImpl(~)
       varargout = {''};
     end
-    function n = getOutputNamesImpl(~)
-      n = '';
+    function n = getNumOutputsImpl(~)
+      n = 1;
     end
-    function d = getOutputSizeImpl(~)
-      d = [1 1];
+    function varargout = getOutputNamesImpl(~)
+      varargout = {''};
     end
-    function n = getOutputDataTypeImpl(~)
-      n = 'double';
+    function varargout = getOutputSizeImpl(~)
+      varargout = {[1 1]};
     end
-    function y = isOutputComplexImpl(~)
-      y = false;
+    function varargout = getOutputDataTypeImpl(~)
+      varargout = {'double'};
     end
-    function y = isOutputFixedSizeImpl(~)
-      y = false;
+    function varargout = isOutputComplexImpl(~)
+      varargout = {false};
+    end
+    function varargout = isOutputFixedSizeImpl(~)
+      varargout = {false};
     end
     function s = getSampleTimeImpl(~)
       s = [];
