@@ -77,7 +77,8 @@ def test_the_c_s_function_gives_pythons_pixels(build, live, tmp_path, camera, ki
             reply = client.render({**STATE, "t_s": 0.5 * k}, camera, **options)
             np.testing.assert_array_equal(frame.T, reply.pixels)
             np.testing.assert_array_equal(written["facts"][k], [
-                reply.header["plan"]["predicted_error"], reply.header.get("exposure_s", np.nan), 0.0, len(reply.warnings)])
+                reply.header["plan"]["predicted_error"], reply.header.get("exposure_s", np.nan), 0.0,
+                len(reply.warnings)])
             assert [f"warning: glrender:{each.code}: {each.message}" for each in reply.warnings] == said.splitlines()
 
 

@@ -28,6 +28,14 @@ def test_a_picture_is_black_at_zero_and_white_at_the_brightest(dtype):
     np.testing.assert_allclose(shown, ramp * 255.0 / 199.0, atol=1.5)
 
 
+def test_the_offset_of_digital_numbers_is_black():
+    """Above it white is as far as without an offset."""
+    dn = np.full((40, 200), 500, np.uint16)
+    dn[10:30, 50:100] += 1000
+    shown = read(png(dn))
+    assert not shown[:10].any() and (shown[10:30, 50:100] == 255).all()
+
+
 @pytest.mark.parametrize("image", [np.zeros((3, 5)), np.full((3, 5), np.nan), np.full((1, 1), 7.0)])
 def test_flat_images_are_pictures_too(image):
     assert read(png(image)).shape == image.shape

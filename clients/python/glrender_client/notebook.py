@@ -27,13 +27,15 @@ def png(image: np.ndarray, stretch: str = "linear", white: float | None = None) 
     Parameters
     ----------
     image : (height, width) array
-        Black at zero; NaN is black.
+        Black at zero, of integers at the least, which is the detector's offset; NaN is black.
     stretch : "linear", "gamma", "log" or "asinh"
     white : float, optional
         Value from which pixels are white; the 99.9th percentile by default.
     """
     step = -(-max(image.shape) // LARGEST_PX)
     part = np.nan_to_num(np.asarray(image[::step, ::step], np.float64), nan=0.0)
+    if np.issubdtype(image.dtype, np.integer):
+        part -= part.min()
     white = white or np.percentile(part, 99.9) or part.max() or 1.0
     grey = (255.0 * STRETCHES[stretch](np.clip(part / white, 0.0, 1.0))).astype(np.uint8)
     height, width = grey.shape
