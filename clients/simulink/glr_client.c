@@ -180,8 +180,11 @@ static int render(glr_client *client, const glr_state *state, const glr_options 
     id = client->next_id++;
     client->error.code[0] = client->error.message[0] = '\0';
     if (glr_build_render(&client->request, client->name, id, state, frames, n_frames, is_list, &client->error) == 0
-        && exchange(client, id) == 0 && glr_read_render(&client->reply, reply, &client->error) == 0)
-        return 0;
+        && exchange(client, id) == 0 && glr_read_render(&client->reply, reply, &client->error) == 0) {
+        if (reply->n_images || frames->compare)
+            return 0;
+        glr_fail(&client->error, "protocol", "a reply without an image");
+    }
     memset(reply, 0, sizeof *reply);
     return -1;
 }

@@ -41,9 +41,9 @@ glr_text glr_get_text(glr_reader *in);
 uint64_t glr_get_uint(glr_reader *in);
 /* A number of any type. */
 double glr_get_double(glr_reader *in);
-int glr_get_bool(glr_reader *in);
 /* The same; NaN of nil, which stands for numbers that are not finite. */
 double glr_get_number(glr_reader *in);
+int glr_get_bool(glr_reader *in);
 /* Step over one value of any type; nesting beyond 32 fails. */
 void glr_skip(glr_reader *in);
 int glr_text_is(glr_text text, const char *other);

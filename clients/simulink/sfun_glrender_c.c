@@ -181,7 +181,8 @@ static void get_pose(glr_pose *pose, const real_T *values) {
 /* Whether the image is the output's to the last byte: what a server sends must never reach beyond it. */
 static int fits_output(SimStruct *S, const glr_image *image, const char *dtype, size_t item_bytes) {
     const double *size = mxGetPr(ssGetSFcnParam(S, IMAGE_SIZE));
-    return image->height == size[0] && image->width == size[1] && image->depth == 1 && !strcmp(image->dtype, dtype)
+    return image->height == size[0] && image->width == size[1] && image->depth == 1 && !strcmp(image->name, "image")
+           && !strcmp(image->dtype, dtype)
            && image->n_bytes == (size_t)ssGetOutputPortWidth(S, IMAGE) * item_bytes;
 }
 

@@ -34,6 +34,7 @@ COMMANDS = {
     "campaign": "fly a loop with other seeds, beliefs, faults and budgets, and report its errors",
     "reconstruct": "make a surface from the frames of a sequence",
     "deviation": "how far a surface lies from the true one, in numbers and as a picture",
+    "credibility": "check frames of this machine against closed forms and rays, as a page and as JSON",
     "completion": "print a script that completes commands in a shell",
 }
 
