@@ -7,7 +7,7 @@ export PYTHONUNBUFFERED = 1
 # Tests start hundreds of processes: each would compile all of Python's sources anew, a third of a second.
 export PYTHONDONTWRITEBYTECODE =
 
-.PHONY: demo test test-all bench chart paper wheels image docs setup opengl lint clean
+.PHONY: demo test test-all bench chart paper wheels release image docs setup opengl lint clean
 .PHONY: tools osmesa octave clang blender mitsuba basilisk chromium systemd
 
 demo: setup
@@ -58,6 +58,10 @@ lint: setup
 # Wheel and sdist, in clean environments of every Python from 3.11 to 3.13 that is here.
 wheels: setup
 	PYTHON=$(BIN)/python sh tools/try_wheel.sh
+
+# Wheel and sdist, checked, with bill of materials, metadata for Zenodo and sums: out/release.
+release: setup
+	$(BIN)/python tools/release.py
 
 image: setup
 	$(BIN)/hadolint examples/service/Dockerfile

@@ -19,6 +19,7 @@ REPOSITORY = Path(__file__).parents[2]
 SERVICE = REPOSITORY / "examples" / "service"
 sys.path.insert(0, str(REPOSITORY / "tools"))
 import lock_service  # noqa: E402 (a tool, not a package)
+import release  # noqa: E402
 
 LOCKS = ("requirements.lock", "build.lock")
 
@@ -111,3 +112,23 @@ def test_systemd_takes_the_unit(tmp_path):
     run = subprocess.run([analyze, "verify", str(tmp_path / "glrender.service")], capture_output=True, text=True)
     said = run.stdout + run.stderr
     assert run.returncode == 0 and "glrender.service" not in said, said
+
+
+def test_a_release_finds_a_file_that_record_does_not_have():
+    """RECORD as wheels have it: SHA-256 in URL-safe base64 without padding."""
+    record = ("a/b.py,sha256=ypeBEsobvcr6wjGzmiPcTaeG7_gUfE5yuYB3ha_uSLs,1\n"
+              "gone.py,sha256=ypeBEsobvcr6wjGzmiPcTaeG7_gUfE5yuYB3ha_uSLs,1\nx.dist-info/RECORD,,\n")
+    files = {"a/b.py": b"a", "more.py": b"a", "x.dist-info/RECORD": record.encode()}
+    assert release.wrong_hashes(files) == ["gone.py", "more.py"]
+    assert release.wrong_hashes(files | {"a/b.py": b"b"}) == ["a/b.py", "gone.py", "more.py"]
+
+
+@pytest.mark.slow
+def test_a_release_is_built_and_checked_offline(tmp_path):
+    run = subprocess.run([sys.executable, str(REPOSITORY / "tools" / "release.py"), str(tmp_path / "out")],
+                         capture_output=True, text=True)
+    assert run.returncode == 0, f"{run.stdout}{run.stderr}"
+    names = {path.name for path in (tmp_path / "out").iterdir()}
+    assert {"SHA256SUMS", "sbom.cdx.json", "zenodo.json"} < names and len(names) == 5
+    zenodo = json.loads((tmp_path / "out" / "zenodo.json").read_text())
+    assert zenodo["license"] == "mit" and zenodo["creators"] and zenodo["version"] in "".join(names)
