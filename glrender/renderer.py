@@ -26,7 +26,7 @@ from .engines.image import Image, checked_products
 from .engines.irradiance import IrradiancePass
 from .engines.parts import Parts
 from .engines.plugin_checks import try_twin
-from .engines.prepared_body import PreparedBody
+from .engines.prepared_body import PreparedBody, own_bytes
 from .engines.raster.gl.context import Context
 from .engines.raster.gl.evaluate import BrdfEvaluator
 from .engines.raster.gl.targets import DEPTH_BYTES, PixelMask, Target
@@ -123,9 +123,10 @@ class Renderer:
     @property
     def info(self) -> dict[str, Any]:
         """The OpenGL that was found: backend, gl_renderer, gl_version, limits; the engines; the memory of each body."""
-        return {**self._context.info, "engines": self._engines,
-                "memory_bytes": self._parts.memory_bytes({name: body.memory_bytes
-                                                          for name, body in self._bodies.items()})}
+        memory_bytes = self._parts.memory_bytes({name: body.memory_bytes for name, body in self._bodies.items()})
+        for name, mesh in ({} if self._rays is None else self._rays.bodies_of_parts).items():
+            memory_bytes[name]["rays"] += own_bytes(mesh)
+        return {**self._context.info, "engines": self._engines, "memory_bytes": memory_bytes}
 
     @property
     def draws_lenses(self) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Container
 from dataclasses import dataclass
 
 import numpy as np
@@ -48,10 +49,10 @@ class PreparedBody:
         shared = {id(shape.vertices_m), id(shape.facets)}
         tables = [] if self.facets is None else [self.facets, self.facets.horizons]
         return {"shape": shape.vertices_m.nbytes + shape.facets.nbytes, "raster": self.mesh.memory_bytes,
-                "rays": _own_bytes(self.solid, shared), "coverage": sum(_own_bytes(each, shared) for each in tables)}
+                "rays": own_bytes(self.solid, shared), "coverage": sum(own_bytes(each, shared) for each in tables)}
 
 
-def _own_bytes(thing: object, shared: set[int]) -> int:
+def own_bytes(thing: object, shared: Container[int] = ()) -> int:
     """Memory [byte] of the arrays that an object has as attributes, without those that it shares."""
     arrays = [] if thing is None else [value for value in vars(thing).values() if isinstance(value, np.ndarray)]
     return sum(array.nbytes for array in arrays if id(array) not in shared)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import operator
 import threading
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -89,6 +89,11 @@ class RayEngine:
     def solid(self, name: str) -> RayMesh:
         """A body's full shape."""
         return self._solids[name]
+
+    @property
+    def bodies_of_parts(self) -> Mapping[str, RayMesh]:
+        """The whole shapes of bodies of several parts."""
+        return self._bodies_of_parts
 
     def near_bytes(self, views: Iterable[BodyView]) -> int:
         """Memory [byte] of the facets near a frame's camera: `NearMesh.memory_bytes`."""
