@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from glrender_camera import PinholeCamera
@@ -61,8 +61,8 @@ def image_advice(scene: Scene, state: State, camera: PinholeCamera, plan: Render
     in_view = [body.name for body in plan.bodies if body.is_visible]
     x0, y0, x1, y1 = roi
     is_dark = not has_points and not (some_rows(light[y0:y1, x0:x1]).any() or light[y0:y1, x0:x1].any())
-    if behind := _behind_ground(scene, state, camera, [body.name for body in plan.bodies if body.is_visible and (
-            is_dark or math.isinf(body.size_px))]):
+    if behind := _behind_ground(scene, state, camera, {body.name: is_dark or math.isinf(body.size_px)
+                                                       for body in plan.bodies if body.is_visible}):
         found += behind
     elif is_dark:
         if in_view or not has_stars:
@@ -108,16 +108,18 @@ def _size_advice(state: State, plan: RenderPlan) -> list[Advice]:
     return found
 
 
-def _behind_ground(scene: Scene, state: State, camera: PinholeCamera, names: Sequence[str]) -> list[Advice]:
-    """Warnings of bodies of open shells, out of some, whose nearest facets turn their backs to the camera."""
-    bodies = [body for body in scene.bodies if body.name in names and not body.shape.report.is_watertight]
+def _behind_ground(scene: Scene, state: State, camera: PinholeCamera, is_doubted: Mapping[str, bool]) -> list[Advice]:
+    """Warnings of rooms in view, and of doubted open shells, whose nearest facets turn away from the camera."""
+    bodies = [body for body in scene.bodies if body.name in is_doubted and (
+        body.shape.inside or is_doubted[body.name] and not body.shape.report.is_watertight)]
     if not bodies:
         return []
     place_m = {view.name: view.r_camera_body_m
                for view in view_bodies(state, camera.without_distortion, scene.hulls)}
     return [Advice("behind_ground", "state.spacecraft.r_inertial_m", (
-        f"the camera is behind the ground of {_printable(body.name)}, or under it: the facets nearest to it turn their "
-        "backs, which nobody sees; check state.spacecraft.r_inertial_m, or wind the facets the other way"))
+        f"the camera is {'outside the room' if body.shape.inside else 'behind the ground of'} {_printable(body.name)}, "
+        f"or {'in its walls' if body.shape.inside else 'under it'}: the facets nearest to it turn their backs, which "
+        "nobody sees; check state.spacecraft.r_inertial_m, or wind the facets the other way"))
         for body in bodies if body.hull.is_behind(place_m[body.name])]
 
 

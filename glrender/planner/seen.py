@@ -7,10 +7,11 @@ from dataclasses import dataclass, replace
 
 from glrender_camera import PinholeCamera
 
+from ..scene.lamp import Lamp
 from ..scene.shape.convex_hull import Hull
 from ..view.occluders import casters
 from ..view.state import State
-from ..view.view import BodyView, view_bodies
+from ..view.view import BodyView, largest_phase, view_bodies
 from .error_model import BodyTraits
 from .penumbra import Penumbra, penumbra_of
 
@@ -44,8 +45,8 @@ class Seen:
 
 
 def seen_bodies(state: State, camera: PinholeCamera, hulls: Mapping[str, Hull], traits: Sequence[BodyTraits],
-                has_sun_disc: bool) -> tuple[Seen, ...]:
-    """All bodies of a scene, in the order of their hulls and traits.
+                has_sun_disc: bool, lamps: Sequence[Lamp] = (), solar_W_m2: float = 0.0) -> tuple[Seen, ...]:
+    """All bodies of a scene, in the order of their hulls and traits; where it has lamps, phases are of all lights.
 
     Raises
     ------
@@ -53,6 +54,8 @@ def seen_bodies(state: State, camera: PinholeCamera, hulls: Mapping[str, Hull], 
         The state cannot be rendered: an unknown body, a camera inside a body.
     """
     views, found = view_bodies(state, camera, hulls), []
+    if lamps:
+        views = [replace(view, phase_rad=largest_phase(view, lamps, camera, solar_W_m2)) for view in views]
     for view, known in zip(views, traits, strict=True):
         sun_radius_rad = view.sun_radius_rad if has_sun_disc else 0.0
         cast = casters(view, views, hulls, sun_radius_rad) if view.is_visible else []

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -26,6 +26,11 @@ NO_COORDINATES = ('of a map of longitudes and latitudes say albedo_projection = 
 """The way out where a map has nothing to lie on."""
 PART = "\x1f"
 """The sign between a body's name and the number of its part's material: not printable, as names are."""
+
+
+def albedo_name(law: Law) -> str | None:
+    """The name of the albedo that a map scales; None of a law that has none, whose BRDF it scales."""
+    return next((each.name for each in fields(law) if each.name.endswith("albedo")), None)
 
 
 def owner(name: str) -> str:
@@ -95,6 +100,12 @@ class Body:
             fits = albedo_map.ndim == 2 and albedo_map.size
             if not fits or not np.isfinite(albedo_map).all() or albedo_map.min() < 0.0:
                 raise ConfigError("albedo_map", "must be a 2-D array of finite numbers >= 0, not empty")
+            for law in self.laws:
+                name = albedo_name(law)
+                if name and (product := getattr(law, name) * float(albedo_map.mean(dtype=float))) > 1.0:
+                    object.__setattr__(self, "shape", self.shape.with_warnings([
+                        f"the albedo map times {name} is {product:.3g} on average, where more than 1 counts as 1; "
+                        "albedo_texture_gain scales the map"]))
             albedo_map.setflags(write=False)
             object.__setattr__(self, "albedo_map", albedo_map)
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
 
 from ..brdf.geometry import dot
-from .scene import Body
+from .body import Body, albedo_name
 
 # A law is worked out at this many factors on its albedo and interpolated between: to 1e-4.
 _ALBEDO_NODES = 33
@@ -96,7 +96,7 @@ class Surface:
         law = self.body.brdf
         if self.body.albedo_map is None:
             return law.brdf(to_sun, to_camera, normal)
-        name = next((f.name for f in fields(law) if f.name.endswith("albedo")), None)
+        name = albedo_name(law)
         if name is None:
             return law.brdf(to_sun, to_camera, normal) * albedo_scale
         albedo = np.clip(getattr(law, name) * albedo_scale, 0.0, 1.0)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -12,7 +14,7 @@ from glrender_camera.validate import did_you_mean
 from ..base import rotations as frames
 from ..base.constants import AU_M, SUN_RADIUS_M
 from ..base.errors import ConfigError, SceneError
-from ..scene.lamp import Lamp
+from ..scene.lamp import ALL_ROUND_DEG, FAINT, Lamp
 from ..scene.shape.convex_hull import Hull
 from .plausible import sun_way_out
 from .state import State
@@ -104,6 +106,28 @@ def lamp_in(view: BodyView, lamp: Lamp, camera: PinholeCamera) -> tuple[np.ndarr
     body_from_spacecraft = view.camera_from_body.T @ frames.dcm(camera.q_camera_from_spacecraft)
     aside_m = lamp.r_spacecraft_m - camera.r_camera_spacecraft_m
     return view.r_camera_body_m + body_from_spacecraft @ aside_m, body_from_spacecraft @ lamp.direction
+
+
+def largest_phase(view: BodyView, lamps: Sequence[Lamp], camera: PinholeCamera, solar_W_m2: float) -> float:
+    """Largest phase angle [rad] of the lights, the Sun and lamps, of which a Lambert sphere there sends a part at all.
+
+    Parameters
+    ----------
+    view : BodyView
+    lamps : sequence of Lamp
+    camera : PinholeCamera
+    solar_W_m2 : float [W/m2]
+        At 1 au.
+    """
+    lights, to_camera = [(solar_W_m2 / view.sun_distance_au**2, view.phase_rad)], view.r_camera_body_m / view.range_m
+    for lamp in lamps:
+        place_m, axis = lamp_in(view, lamp, camera)
+        distance_m = max(float(np.linalg.norm(place_m)), 1e-9)
+        if lamp.half_angle_deg == ALL_ROUND_DEG or axis @ place_m <= -lamp.least_cosine * distance_m:
+            lights.append((lamp.intensity_W_sr / distance_m**2, float(frames.angle_between(place_m, to_camera))))
+    # Russell (1916), of a Lambert sphere.
+    sent = [light_W_m2 * (math.sin(phase) + (math.pi - phase) * math.cos(phase)) for light_W_m2, phase in lights]
+    return max(phase for (_, phase), each in zip(lights, sent, strict=True) if each >= FAINT * max(sent))
 
 
 def view_bodies(state: State, camera: PinholeCamera, hulls: dict[str, Hull]) -> list[BodyView]:

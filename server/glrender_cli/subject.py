@@ -26,6 +26,9 @@ from glrender_camera.validate import within
 _OF_SCENARIOS = ("scene", "encounter", "trajectory", "random")
 # Share of the frame's smaller side that the first body takes in the state that is made for it.
 _FILLED = 0.8
+# Share of a shell's area in the sum of its facets' area vectors from which it is open (docs/shapes.md), and the cosine
+# to +Z from which north is up in a frame, not +Z.
+_OPEN, _STEEP = 0.25, 0.9
 # Single-scattering albedo of a shape without a scene: between comets (0.04) and S-type asteroids (0.3).
 _ALBEDO = 0.1
 
@@ -147,25 +150,34 @@ def read_state(path: Path) -> State:
 def default_state(scene: Scene, camera_name: str, phase_rad: float) -> State:
     """The scene's first body at the origin, 1 au from the Sun, filling most of a camera's frame.
 
-    Other bodies stand in a row next to it, out of the way.
+    Open ground is seen from above. Other bodies stand in a row next to it, out of the way.
     """
     camera = scene.camera(camera_name)
     body, *others = scene.bodies
     smaller_px = min(camera.width_px, camera.height_px)
     range_m = 2.0 * body.hull.radius_m * camera.focal_length_px / (_FILLED * smaller_px)
-    r_camera = np.array([0.0, -range_m, 0.0])
-    r_sun = AU_M * np.array([np.sin(phase_rad), -np.cos(phase_rad), 0.0])
+    front = _front(body.shape)
+    up = np.array([0.0, 0.0, 1.0] if abs(front[2]) < _STEEP else [0.0, 1.0, 0.0])
+    aside, r_camera = np.cross(up, front), range_m * front
+    r_sun = AU_M * (np.sin(phase_rad) * aside / np.linalg.norm(aside) + np.cos(phase_rad) * front)
     poses = {body.name: Pose(r_inertial_m=-body.shape.centre_m)}
     offset = body.hull.radius_m
     for other in others:
         offset += 1.5 * other.hull.radius_m
         poses[other.name] = Pose(r_inertial_m=np.array([offset, 0.0, 0.0]) - other.shape.centre_m)
         offset += 1.5 * other.hull.radius_m
-    q_camera = frames.look_at(r_camera, np.zeros(3))
+    q_camera = frames.look_at(r_camera, np.zeros(3), up)
     q_spacecraft = frames.quaternion(frames.dcm(camera.q_camera_from_spacecraft).T @ frames.dcm(q_camera))
     r_spacecraft = r_camera - frames.dcm(q_spacecraft).T @ camera.r_camera_spacecraft_m
     return State(r_sun_inertial_m=r_sun, bodies=poses,
                  spacecraft=Pose(r_inertial_m=r_spacecraft, q_from_inertial=q_spacecraft))
+
+
+def _front(shape: Shape) -> np.ndarray:
+    """Unit vector (3,) to the side from which an open shell's facets are seen; -Y of a closed one, seen from all."""
+    across_m2 = (shape.facet_areas_m2[:, None] * shape.facet_normals).sum(axis=0)
+    share = float(np.linalg.norm(across_m2)) / shape.facet_areas_m2.sum()
+    return across_m2 / np.linalg.norm(across_m2) if share > _OPEN else np.array([0.0, -1.0, 0.0])
 
 
 def _time_s(scenario: Scenario, at: str | None) -> float:

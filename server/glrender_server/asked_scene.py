@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -10,9 +11,11 @@ from glrender import ConfigError, Scene
 from glrender.capture.static_exposure import drawn_pixels
 from glrender.emission.sources.tail import Tail
 from glrender.emission.sources.volume import Volume
+from glrender.scene.shape.files import MAX_FACETS
 from glrender.scene.shape.glb_files import pixels_of_images
-from glrender.scene.shape.textures import texture_pixels
-from glrender_camera.validate import known_keys
+from glrender.scene.shape.grids import WHOLE_FACETS, checked_rings, n_facets_of
+from glrender.scene.shape.textures import MAX_TEXTURE_PX, texture_pixels
+from glrender_camera.validate import integer, known_keys
 
 from . import limits
 from .envelope import ENVELOPE
@@ -63,18 +66,30 @@ def _hide(error: ConfigError, folder: Path) -> None:
 
 def _check_counts(table: Mapping[str, Any]) -> None:
     """Refuse a scene before it is made, if its table shows that it is too large."""
-    for name, most in (("bodies", limits.MAX_SCENE_BODIES), ("cameras", limits.MAX_SCENE_CAMERAS)):
+    for name, most in (("bodies", limits.MAX_SCENE_BODIES), ("cameras", limits.MAX_SCENE_CAMERAS),
+                       ("lamps", limits.MAX_SCENE_SOURCES)):
         if isinstance(table.get(name), list) and len(table[name]) > most:
             raise ConfigError(f"scene.{name}", f"must be at most {most}", len(table[name]))
     sides = [(c.get("width_px"), c.get("height_px")) for c in table.get("cameras") or () if isinstance(c, Mapping)]
     n_pixels = sum(w * h for w, h in sides if isinstance(w, int | float) and isinstance(h, int | float))
     if n_pixels > limits.MAX_SCENE_PIXELS:
         raise ConfigError("scene.cameras", f"must have at most {limits.MAX_SCENE_PIXELS} pixels together", n_pixels)
-    made = [b["generated"].get("subdivisions") for b in table.get("bodies") or ()
-            if isinstance(b, Mapping) and isinstance(b.get("generated"), Mapping)]
-    n_facets = sum(20 * 4 ** min(n, 20) for n in made if isinstance(n, int) and n > 0)
+    n_facets = sum(map(_facets_asked, _tables(table.get("bodies"))))
     if n_facets > limits.MAX_SCENE_FACETS:
         raise ConfigError("scene.bodies", f"must have at most {limits.MAX_SCENE_FACETS} facets together", n_facets)
+
+
+def _facets_asked(body: Mapping[str, Any]) -> float:
+    """Facets that a body's table asks for, of which those of a file are unknown; 0 of one that is refused anyway."""
+    made, ground = body.get("generated"), body.get("terrain")
+    if isinstance(made, Mapping) and isinstance(n := made.get("subdivisions"), int) and n > 0:
+        return 20 * 4 ** min(n, 20)
+    if isinstance(ground, Mapping):
+        with contextlib.suppress(ConfigError):
+            if "rings" in ground:
+                return n_facets_of(checked_rings(ground["rings"], MAX_FACETS))
+            return integer("facets", ground.get("facets", WHOLE_FACETS), 0, MAX_FACETS)
+    return 0
 
 
 def _check_emission(table: Mapping[str, Any]) -> None:
@@ -92,13 +107,20 @@ def _check_textures(table: Mapping[str, Any], folder: Path) -> None:
     """Refuse textures that are too large before a pixel is read; the reader refuses those that it cannot read."""
     n_pixels = 0
     for body in _tables(table.get("bodies")):
-        for key, counted in (("albedo_texture", texture_pixels), ("shape", pixels_of_images)):
-            name = body.get(key)
+        ground = body.get("terrain")
+        photo = ground.get("orthophoto") if isinstance(ground, Mapping) else None
+        for key, name, counted in (("", body.get("albedo_texture"), texture_pixels), ("", photo, _drawn_pixels),
+                                   ("shape", body.get("shape"), pixels_of_images)):
             # Names that lead elsewhere are refused by who opens them.
             if isinstance(name, str) and (key != "shape" or name.lower().endswith(".glb")):
                 place = folder / Path(name).name
                 n_pixels += counted(place) if place.is_file() else 0
     _check_sum("bodies", n_pixels, limits.MAX_SCENE_TEXTURE_PIXELS, "pixels of textures")
+
+
+def _drawn_pixels(path: Path) -> int:
+    """Pixels of an orthophoto that may be drawn: of one too large for a texture it is a part, as large as one."""
+    return texture_pixels(path) or MAX_TEXTURE_PX
 
 
 def _check_sum(name: str, total: float, most: int, what: str) -> None:

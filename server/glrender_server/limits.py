@@ -68,7 +68,7 @@ MAX_SCENE_FACETS = 10_000_000
 MAX_SCENE_BODIES = 64
 MAX_SCENE_CAMERAS = 64
 MAX_SCENE_SOURCES = 64
-"""Sources of all comae of a scene."""
+"""Sources of all comae of a scene, and its lamps."""
 MAX_SCENE_GRAINS = 5_000_000
 """Grains of all tails of a scene: as many as one tail may have."""
 MAX_SCENE_CELLS = 1 << 24

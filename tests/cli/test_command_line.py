@@ -16,11 +16,14 @@ import serving
 import views
 from cells import slow_but
 from glb_parts import glb, material, sheet
-from glrender import generate, load_scene
+from glrender import Body, PinholeCamera, Renderer, Scene, Shape, generate, load_scene
+from glrender.brdf import Lambert
+from glrender.scene.shape.grids import cells
 from glrender.sequences.contact_sheet import STRETCHES, grey_levels
 from glrender.sequences.read import read_image
 from glrender_cli.__main__ import COMMANDS, main
 from glrender_cli.commands import doctor
+from glrender_cli.subject import default_state
 from PIL import Image
 from programs import GLRENDER, run
 
@@ -160,6 +163,26 @@ def test_a_shape_alone_has_the_materials_of_its_file(tmp_path):
     (tmp_path / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl rock\nf 1 2 3\n")
     (body,) = scene_of_shape(tmp_path / "a.obj", "m").bodies
     assert body.materials is None and body.brdf.glsl == "lommel_seeliger"
+
+
+@pytest.mark.parametrize("turn", [np.eye(3), [[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]])
+def test_open_ground_is_seen_from_above(turn):
+    """Ground that faces any way fills the frame, at the phase angle that is asked for; a ball is seen from -Y."""
+    x, y = np.meshgrid(np.linspace(-100.0, 100.0, 5), np.linspace(-100.0, 100.0, 5), indexing="ij")
+    ground = np.stack([x, y, 10.0 * np.cos(x / 40.0)], axis=-1).reshape(-1, 3) @ np.transpose(turn)
+    shape = Shape.from_arrays(ground, cells(np.arange(25).reshape(5, 5)))
+    ball = generate.icosphere(radius_m=5.0, subdivisions=1)
+    for each, front in ((shape, np.array(turn)[:, 2]), (ball, np.array([0.0, -1.0, 0.0]))):
+        scene = Scene(bodies=[Body(name="a", shape=each, brdf=Lambert(normal_albedo=0.1))],
+                      cameras=[PinholeCamera(name="c", width_px=32, height_px=32, focal_length_px=40.0)])
+        state = default_state(scene, "c", np.radians(40.0))
+        place = state.spacecraft.r_inertial_m
+        np.testing.assert_allclose(place / np.linalg.norm(place), front, atol=0.02)
+        to_sun = state.r_sun_inertial_m / np.linalg.norm(state.r_sun_inertial_m)
+        assert np.degrees(np.arccos(to_sun @ place / np.linalg.norm(place))) == pytest.approx(40.0, abs=1e-6)
+        with Renderer(scene) as renderer:
+            image = renderer.render(state)
+        assert (image.irradiance_W_m2 > 0.0).mean() > 0.25 and not image.warnings
 
 
 def test_a_file_is_read_once(folder, monkeypatch):

@@ -167,6 +167,16 @@ def test_an_albedo_map_that_is_no_image_is_refused(albedo_map):
         Body(name="body", shape=shape, brdf=GREY, albedo_map=albedo_map)
 
 
+@pytest.mark.parametrize("value, is_too_bright", [(1.0 / 0.3, False), (140.0, True)])
+def test_a_map_of_numbers_up_to_255_is_warned_of(value, is_too_bright):
+    """Such albedos count as 1: a white body, without a word else."""
+    sphere = generate.icosphere(radius_m=1.0, subdivisions=1)
+    shape = Shape.from_arrays(sphere.vertices_m, sphere.facets, uv=np.zeros((80, 3, 2)))
+    body = Body(name="body", shape=shape, brdf=Lambert(normal_albedo=0.299), albedo_map=np.full((2, 2), value))
+    text = "the albedo map times normal_albedo is 41.9 on average, where more than 1 counts as 1; albedo_texture_gain"
+    assert any(text in each for each in body.shape.report.warnings) == is_too_bright
+
+
 @pytest.mark.parametrize("r_m", [[0.0, 0.0, 0.0], [0.0, 99.0, 0.0], [50.0, 50.0, -50.0]])
 def test_a_camera_inside_a_body_is_refused(renderer, r_m):
     with pytest.raises(SceneError, match="the camera must be outside body 'body'"):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import sys
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -36,13 +37,13 @@ def rasterio():
     return needed_module("rasterio", "pip install \"glrender[terrain]\"")
 
 
-def write(path, heights, crs, left_top, px, *, nodata=None, scale=None, offset=None, unit=None, bands=1):
+def write(path, heights, crs, left_top, px, *, nodata=None, scale=None, offset=None, unit=None, bands=1, **options):
     """A GeoTIFF of heights (H, W), its top-left corner and the size of a pixel on its projection."""
     gdal = rasterio()
     place = None if left_top is None else gdal.transform.from_origin(*left_top, px, px)
     with gdal.open(path, "w", driver="GTiff", height=heights.shape[0], width=heights.shape[1], count=bands,
                    dtype=heights.dtype, crs=None if crs is None else gdal.CRS.from_string(crs), transform=place,
-                   nodata=nodata) as made:
+                   nodata=nodata, **options) as made:
         for band in range(1, bands + 1):
             made.write(heights, band)
         if scale is not None:
@@ -174,11 +175,12 @@ def test_a_globe_is_closed(tmp_path, crs, left_deg, middle_deg, per_deg):
         assert patch(path, site_deg=site, rings=[[2e5, 2e4]]).report.n_open_edges == 80
 
 
-def test_numbers_of_a_band_become_metres(tmp_path):
-    """Scale, offset and kilometres; pixels without data at the edge of what is asked count only where they weigh."""
+@pytest.mark.parametrize("unit", ["km", "Kilometers", "kilometre"])
+def test_numbers_of_a_band_become_metres(tmp_path, unit):
+    """Scale, offset and kilometres, by any of the unit's names."""
     heights = np.round(bulge(*np.meshgrid(-179.0 + 2.0 * np.arange(180), 89.0 - 2.0 * np.arange(90))) / 0.5)
     path = write(tmp_path / "scaled.tif", (heights + 4000.0).astype(np.int16), LONG_LAT, (-180.0, 90.0), 2.0,
-                 scale=0.0005, offset=-2.0, unit="km")
+                 scale=0.0005, offset=-2.0, unit=unit)
     lon, lat, radius_m = on_planet(patch(path, facets=5000))
     np.testing.assert_allclose(radius_m - MOON_M, bulge(lon, lat), atol=40.0)
 
@@ -268,6 +270,8 @@ def test_ground_without_data_is_a_hole_and_is_reported(tmp_path, caplog):
     ({"site_deg": APOLLO, "rings": [[30_000.0, 10.0]]}, "rings: must make at most 20000000 facets, got 72000000; set "
      "posts farther apart"),
     ({"site_deg": APOLLO, "rings": [[2e6, 5e4]]}, "rings: must end within 1.7374e.06 m, the datum's.*leave rings out"),
+    ({"site_deg": APOLLO, "rings": [[1e300, 1e-300]]}, "rings: must make at most 20000000 facets, got inf"),
+    ({"site_deg": APOLLO, "rings": np.array([[100.0, 10.0], [50.0, 20.0]])}, r"rings\[1\]: must reach farther"),
     ({"site_deg": (3.63, 89.0)}, "site_deg: must be where"),
     ({"facets": 0}, "facets: must be an integer between 100 and 20000000")])
 def test_what_breaks_a_rule_is_refused_with_a_way_out(files, options, message):
@@ -284,8 +288,15 @@ def test_maps_that_are_none_are_refused(tmp_path):
         "bands.tif": (write(tmp_path / "bands.tif", flat, LONG_LAT, at, 1.0, bands=2), "must have one band.*got '2"),
         "feet.tif": (write(tmp_path / "feet.tif", flat, LONG_LAT, at, 1.0, unit="ft"), "must have one band.*in ft"),
         "radii.tif": (write(tmp_path / "radii.tif", flat + MOON_M, LONG_LAT, at, 1.0),
-                      "must have data, heights above the datum.*got .*17374.*of radii subtract 1737400 m"),
-        "none.tif": (write(tmp_path / "none.tif", flat, LONG_LAT, at, 1.0, nodata=0.0), "must have data"),
+                      "must be above the sphere or ellipsoid.*got 17374.*of radii subtract 1737400 m"),
+        "none.tif": (write(tmp_path / "none.tif", flat, LONG_LAT, at, 1.0, nodata=0.0), "must have data where posts"),
+        "row.tif": (write(tmp_path / "row.tif", flat[:1], LONG_LAT, at, 1.0), "must have two rows.*give a site and"),
+        "least.tif": (write(tmp_path / "least.tif", np.where(flat + np.arange(20) < 3, -32768, 9).astype(np.int16),
+                            LONG_LAT, at, 1.0), "must name its number for no data.*got -32768; gdal_edit"),
+        "low.tif": (write(tmp_path / "low.tif", np.where(flat + np.arange(20) < 3, np.float32(-3.4e38), flat),
+                          LONG_LAT, at, 1.0), "must name its number for no data.*; gdal_edit"),
+        "disc.tif": (write(tmp_path / "disc.tif", flat, f"+proj=ortho +R={MOON_M}", (-2e6, 2e6), 2e5),
+                     "has a projection that does not show all.*; give a site and near rings"),
         "gone.tif": (tmp_path / "gone.tif", "is no readable GeoTIFF.*No such file"),
         "note.tif": (tmp_path / "note.tif", "is no readable GeoTIFF.*gdal_translate")}
     (tmp_path / "note.tif").write_text("heights")
@@ -338,6 +349,71 @@ def test_an_orthophoto_is_the_albedo(tmp_path, files):
         patch(files / "plane.tif", site_deg=APOLLO, rings=[[100.0, 50.0]], orthophoto=files / "polar.tif")
 
 
+def shade(lon_deg, lat_deg):
+    """An albedo that varies once in 90 deg of longitude."""
+    lon, lat = np.radians(lon_deg), np.radians(lat_deg)
+    return 0.5 + 0.3 * np.sin(4.0 * lon) * np.cos(lat) ** 2 + 0.1 * np.sin(3.0 * lat)
+
+
+def shades(path, per_one, dtype, **options):
+    """A map of `shade` around the Moon, from 0 deg east, in numbers of which so many are 1."""
+    along = (np.arange(720) + 0.5) / 2.0
+    return write(path, np.round(per_one * shade(*np.meshgrid(along, 90.0 - along[:360]))).astype(dtype), LONG_LAT,
+                 (0.0, 90.0), 0.5, **options)
+
+
+def factors(ground, rng):
+    """Factors on the albedo at three random places of each facet, and longitudes and latitudes [deg] of these."""
+    facet, body = np.repeat(np.arange(len(ground.facets)), 3), Body(
+        name="a", shape=ground, brdf=Lambert(normal_albedo=0.1), albedo_map=ground.albedo_map)
+    weights = rng.dirichlet([1.0, 1.0, 1.0], len(facet))
+    places = np.einsum("fc,fcx->fx", weights, ground.vertices_m[ground.facets[facet]])
+    lon, lat, _ = on_planet(replace(ground, vertices_m=places))
+    return Surface(body).albedo_scale(facet, weights), lon, lat
+
+
+@pytest.mark.parametrize("site", [(0.0, 5.0), (360.0, -40.0), (33.0, -12.0), (0.0, 90.0), None])
+def test_an_orthophoto_goes_on_across_its_edge(tmp_path, site):
+    """A photo of the whole Moon under sites at its seam, elsewhere, at the pole, and under the globe: no streak."""
+    heights = globe(tmp_path / "globe.tif", LONG_LAT, -180.0, 1.0, -180.0)
+    around = {"facets": 20_000} if site is None else {"site_deg": site, "rings": [[60e3, 4e3], [150e3, 10e3]]}
+    ground = patch(heights, orthophoto=shades(tmp_path / "photo.tif", 255, np.uint8), **around)
+    scale, lon, lat = factors(ground, np.random.default_rng(1))
+    assert ground.report.warnings == ()
+    # A facet of the globe has 1.6 deg, across which the shade varies by 0.03; a streak would be off by 0.3.
+    np.testing.assert_allclose(scale, shade(lon, lat), atol=0.03 if site is None else 0.006)
+
+
+@pytest.mark.parametrize("per_one, dtype, options", [
+    (10_000, np.int16, {"scale": 1e-4, "offset": 0.0}), (65_535, np.uint16, {}), (4095, np.uint16, {"nbits": 12}),
+    (32_767, np.int16, {})])
+def test_an_orthophotos_numbers_are_over_their_full_scale_or_scaled_as_it_says(tmp_path, per_one, dtype, options):
+    heights = globe(tmp_path / "globe.tif", LONG_LAT, -180.0, 1.0, -180.0)
+    photo = shades(tmp_path / "photo.tif", per_one, dtype, **options)
+    ground = patch(heights, orthophoto=photo, site_deg=(33.0, -12.0), rings=[[100e3, 10e3]])
+    scale, lon, lat = factors(ground, np.random.default_rng(1))
+    np.testing.assert_allclose(scale, shade(lon, lat), atol=0.003)
+
+
+def test_an_orthophoto_without_data_of_another_datum_or_with_a_palette(tmp_path, files):
+    """How much has none is said, another flattening too; numbers of colours are no grey values."""
+    around = {"site_deg": APOLLO, "rings": [[1000.0, 50.0]]}
+    grey = np.tile(np.where(np.arange(300) < 150, 0, 200), (300, 1)).astype(np.uint8)
+    half = write(tmp_path / "half.tif", grey, EQUIRECTANGULAR, ON_PLANE_M + [-1500.0, 1500.0], 10.0, nodata=0)
+    (text,) = patch(files / "plane.tif", orthophoto=half, **around).report.warnings
+    assert 49.0 < float(text.split(" %")[0]) < 52.0 and "off the orthophoto, and has its mean albedo" in text
+    other = write(tmp_path / "other.tif", grey + np.uint8(1), f"+proj=longlat +a={MARS_M[0]} +b={MARS_M[1]}",
+                  (3.0, 27.0), 0.01)
+    (text,) = patch(files / "plane.tif", orthophoto=other, **around).report.warnings
+    assert "the orthophoto's datum has radii of (3396190.0, 33762" in text and "latitudes may be of another" in text
+    coloured = write(tmp_path / "colours.tif", grey, EQUIRECTANGULAR, ON_PLANE_M + [-1500.0, 1500.0], 10.0,
+                     photometric="PALETTE")
+    with rasterio().open(coloured, "r+") as made:
+        made.write_colormap(1, {value: (255 - value, 0, 0, 255) for value in range(256)})
+    with pytest.raises(ConfigError, match="^orthophoto: must have grey values.*no palette.*; unfold it by gdal_trans"):
+        patch(files / "plane.tif", orthophoto=coloured, **around)
+
+
 def test_the_pages_tables_are_taken(files):
     """Those of docs/terrain.md: of the terrain with another map and fewer posts."""
     page = (Path(__file__).parents[2] / "docs" / "terrain.md").read_text(encoding="utf-8")
@@ -376,6 +452,10 @@ def test_a_scene_file_asks_for_terrain(files, tmp_path):
         made(terrain=terrain, shape="plane.tif")
     with pytest.raises(ConfigError, match=r"albedo_texture: goes with ground without an orthophoto"):
         made(terrain=terrain, albedo_texture="plane.tif")
+    # About a site its own places have other longitudes and latitudes than the planet's.
+    del terrain["orthophoto"]
+    with pytest.raises(ConfigError, match=r"albedo_projection: goes with ground about its planet's centre"):
+        made(terrain=terrain, albedo_projection={"kind": "equirectangular"}, albedo_texture="plane.png")
     with pytest.raises(ConfigError, match="must be a bare file name"):
         Scene.from_dict({**TABLE, "bodies": [{"name": "a", "brdf": BRDF, "terrain": {"heights": "../plane.tif"}}]},
                         shape_dir=files, restricted=True)

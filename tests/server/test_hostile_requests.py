@@ -190,6 +190,30 @@ def test_images_in_shape_files_are_counted_before_they_are_unpacked(tmp_path):
         scene_asked(header, tmp_path)
 
 
+@pytest.mark.parametrize("ground, n, message", [
+    ({"site_deg": [0.0, 0.0], "rings": [[13_000.0, 10.0]]}, 1, "bodies: must have at most 10000000 .*got 13520000"),
+    ({"site_deg": [0.0, 0.0], "rings": [[9000.0, 10.0]]}, 2, "bodies: must have at most 10000000 .*got 12960000"),
+    ({"facets": 6_000_000}, 2, "bodies: must have at most 10000000 .*got 12000000"),
+    ({}, 11, "bodies: must have at most 10000000 .*got 11000000"),
+    ({"site_deg": [0.0, 0.0], "rings": [[1e9, 1.0]]}, 1, r"bodies\[0\].terrain.heights: is no readable|.*rings: must"),
+    ({"orthophoto": "large.png"}, 2, "134217728 pixels of textures together, got 268435456"),
+    ({"rings": "many"}, 1, "terrain"), ({"facets": "many"}, 1, "terrain")])
+def test_terrain_that_is_too_large_is_refused_before_a_map_is_opened(tmp_path, ground, n, message):
+    """There is no map, and none is missed; an orthophoto too large for a texture counts as the largest."""
+    (tmp_path / "large.png").write_bytes(png_head(200_000, 200_000))
+    bodies = [{"name": f"b{k}", "terrain": {"heights": "none.tif", **ground}, "brdf": SCENE["bodies"][0]["brdf"]}
+              for k in range(n)]
+    with pytest.raises(ConfigError, match=message):
+        scene_asked({"v": 1, "op": "load_scene", "id": 1, "client": "c", "scene": {**SCENE, "bodies": bodies}},
+                    tmp_path)
+
+
+def test_many_lamps_are_refused():
+    lamps = [{"name": f"l{k}", "intensity_W_sr": 1.0} for k in range(65)]
+    with pytest.raises(ConfigError, match=r"scene.lamps: must be at most 64, got 65"):
+        scene_asked({"v": 1, "op": "load_scene", "id": 1, "client": "c", "scene": {**SCENE, "lamps": lamps}}, None)
+
+
 
 @pytest.mark.parametrize("name", ["cam\x1b[2J", "two\nlines", "x" * 129, ""])
 def test_names_are_printable_text(name):

@@ -17,9 +17,8 @@ from ..shape.files import FileMesh, facet_limit
 
 # DAS files with DSK segments begin with it; a file that was copied as text does not.
 _ID_WORD = b"DAS/DSK "
-_PLATES = 2
-# Bytes of a record, and place of the first free record's number in what SPICE's dashfs tells.
-_RECORD_BYTES, _FREE = 1024, 4
+# Type of plates. Bytes of a record, and place of the first free record's number in what SPICE's dashfs tells.
+_PLATES, _RECORD_BYTES, _FREE = 2, 1024, 4
 # Vertices or plates that are read in a turn.
 _ROWS = 1 << 17
 
@@ -32,20 +31,7 @@ class Dsk:
 
     @staticmethod
     def read(path: Path, max_facets: int, surface: int | None = None) -> FileMesh:
-        """The plates of a file's segments, of those of one surface where it has several.
-
-        Parameters
-        ----------
-        path : path
-        max_facets : int
-        surface : int, optional
-            SPICE's number of the surface.
-
-        Raises
-        ------
-        ShapeError
-            No DSK, cut off, of another type; several surfaces and none chosen, or one that is not there.
-        """
+        """The plates of a file's segments; of one surface, by SPICE's number of it, where the file has several."""
         with path.open("rb") as file:
             found = file.read(len(_ID_WORD))
         if found != _ID_WORD:
@@ -62,25 +48,22 @@ class Dsk:
                 raise ShapeError("", "is cut off: its DSK needs more bytes", path.stat().st_size,
                                  f"copy it again, as binary, all {n_records * _RECORD_BYTES} bytes")
             segments = _segments(spice, handle)
-            surfaces = sorted({segment.surfce for _, segment in segments})
-            listed = " and ".join(map(str, surfaces))
+            listed = " and ".join(map(str, surfaces := sorted({segment.surfce for _, segment in segments})))
             if surface is None and len(surfaces) > 1:
                 raise ShapeError("surface", f"missing: the file has {listed}",
                                  hint=f"choose one: surface = {surfaces[0]}")
             if surface is not None and surface not in surfaces:
                 raise ShapeError("surface", f"must be one of {listed}, as the file has it", surface)
             chosen = [(place, segment) for place, segment in segments if surface in (None, segment.surfce)]
-            for _, segment in chosen:
-                if segment.dtype != _PLATES:
-                    raise ShapeError("", f"has a segment of type {segment.dtype}, and only type 2 (plates) is read",
-                                     str(path), "SPICE's mkdsk makes plates of a shape")
+            if wrong := [segment.dtype for _, segment in chosen if segment.dtype != _PLATES]:
+                raise ShapeError("", f"has a segment of type {wrong[0]}, and only type 2 (plates) is read", str(path),
+                                 "SPICE's mkdsk makes plates of a shape")
             counts = [spice.dskz02(handle, place) for place, _ in chosen]
             facet_limit(sum(n_plates for _, n_plates in counts), max_facets)
             vertices, facets, n_before = [], [], 0
             for (place, _), (n_vertices, n_plates) in zip(chosen, counts, strict=True):
                 vertices.append(_rows(spice.dskv02, handle, place, n_vertices))
-                plates = _rows(spice.dskp02, handle, place, n_plates).astype(np.int64)
-                facets.append(plates - 1 + n_before)
+                facets.append(_rows(spice.dskp02, handle, place, n_plates).astype(np.int64) + (n_before - 1))
                 n_before += n_vertices
         return FileMesh(np.concatenate(vertices), np.concatenate(facets))
 
@@ -104,13 +87,11 @@ def _opened(spice: Any, path: Path) -> Iterator[int]:
 def _segments(spice: Any, handle: int) -> list[tuple[Any, Any]]:
     """Descriptors of a file's segments: where each is, and what it is."""
     found = []
-    try:
+    with contextlib.suppress(spice.utils.exceptions.NotFoundError):
         place = spice.dlabfs(handle)
         while True:
             found.append((place, spice.dskgd(handle, place)))
             place = spice.dlafns(handle, place)
-    except spice.utils.exceptions.NotFoundError:
-        pass
     if not found:
         raise ShapeError("", "is a DSK without segments", None)
     return found

@@ -15,13 +15,14 @@ from scipy.ndimage import map_coordinates
 from ...base.errors import ShapeError
 
 _ELLIPSOID = re.compile(r'(?:SPHEROID|ELLIPSOID)\["[^"]*",\s*([-+.\deE]+),\s*([-+.\deE]+)')
-# Metres in the unit of a band of heights; most say none.
-_METRES = {"": 1.0, "m": 1.0, "metre": 1.0, "meter": 1.0, "km": 1000.0}
+# Metres in the unit of a band of heights, of one or of several; most say none.
+_METRES = {"": 1.0, "m": 1.0, "metre": 1.0, "meter": 1.0, "km": 1e3, "kilometre": 1e3, "kilometer": 1e3}
+# Numbers up to the first, or the second, are no data that the file does not name: the lowest of their types.
+_LOWEST = -2.0**31, -2.0**15
 # Longitudes and latitudes [deg], whose places show whether a map goes round its planet in equal steps.
 _ROUND = np.array([[0.0, 1.0, 45.0, 46.0, 90.0], [0.0, 0.0, 60.0, 60.0, -30.0]])
 # Pixels that are read in a turn, of some 20 bytes, and the most of a map.
 _PX_AT_ONCE, _MOST_PX = 1 << 23, 1 << 33
-_MIDDLE_AND_CORNERS = np.array([[0.5, 0.0, 0.0, 1.0, 1.0], [0.5, 0.0, 1.0, 0.0, 1.0]])
 # Distance off the map [px], and weight of a pixel [1], that count as none.
 _NONE = 1e-6
 
@@ -35,6 +36,8 @@ class Map:
         Rows and columns.
     radii_m : (float, float) [m]
         Of its datum, at the equator and at the pole.
+    turn_px : float [px]
+        Columns of 360 deg; 0 of a projection without equal steps of longitude.
     is_round, is_mirrored : bool
         Whether its columns go round the planet; whether north is down where east is right.
     """
@@ -50,11 +53,10 @@ class Map:
         a_m, inverse_flattening = map(float, found.groups())
         self.radii_m = a_m, a_m * (1.0 - 1.0 / inverse_flattening) if inverse_flattening else a_m
         self._degrees = rasterio.crs.CRS.from_proj4("+proj=longlat +a={!r} +b={!r} +no_defs".format(*self.radii_m))
-        self._turn_px = self._columns_of_a_turn()
-        self.is_round, self.is_mirrored = 0.0 < self._turn_px < source.width + 0.5, np.linalg.det(self._steps) > 0.0
+        self.turn_px = self._columns_of_a_turn()
+        self.is_round, self.is_mirrored = 0.0 < self.turn_px < source.width + 0.5, np.linalg.det(self._steps) > 0.0
 
     def _columns_of_a_turn(self) -> float:
-        """Columns [px] of 360 deg; 0 of a projection without equal steps of longitude."""
         x, per_column = np.full(len(_ROUND[0]), np.nan), self._steps[0, 0]
         with contextlib.suppress(ShapeError):
             x, _ = self._projected(*_ROUND)
@@ -70,13 +72,13 @@ class Map:
             return np.array(self._rasterio.warp.transform(*(ends[::-1] if is_back else ends), x, y))
         except Exception as error:  # GDAL's errors have no public class
             raise ShapeError(self._field, f"has a projection that does not show all of the ground: {error}",
-                             self._source.name, "choose nearer rings, or a projection about the site") from None
+                             self._source.name, "give a site and near rings, or a projection about them") from None
 
     def pixels(self, degrees: np.ndarray) -> np.ndarray:
         """Columns and rows (2, N) float64 [px] of longitudes and latitudes (2, N) [deg]."""
         column, row = np.linalg.solve(self._steps, self._projected(*degrees) - self._corner) - 0.5
-        if self._turn_px:
-            column -= self._turn_px * np.round((column + 0.5 - 0.5 * self.shape[1]) / self._turn_px)
+        if self.turn_px:
+            column -= self.turn_px * np.round((column + 0.5 - 0.5 * self.shape[1]) / self.turn_px)
         return np.stack([column, row])
 
     def degrees(self, pixel: np.ndarray) -> np.ndarray:
@@ -85,23 +87,21 @@ class Map:
 
     @property
     def reach(self) -> str:
-        """The longitudes and latitudes of its corners, in words."""
-        lon, lat = self.degrees(_MIDDLE_AND_CORNERS * np.array([self.shape[::-1]]).T - 0.5)
-        lon = lon[0] + (lon - lon[0] + 180.0) % 360.0 - 180.0
-        east = lon.max() + 180.0 * self.is_round
-        return f"{lon.min():.6g} to {east:.6g} deg east, {lat.min():.6g} to {lat.max():.6g} deg north"
+        """The longitudes and latitudes of its edges, in words."""
+        edges = self._rasterio.warp.transform_bounds(self._source.crs, self._degrees, *self._source.bounds)
+        return "{0:.6g} to {2:.6g} deg east, {1:.6g} to {3:.6g} deg north".format(*edges)
 
     def has(self, pixel: np.ndarray) -> np.ndarray:
         """Whether columns and rows (2, N) [px] are on it: (N,) bool; for the poles a pixel off, where it is round."""
-        half, more = 0.5 * np.array([self.shape[::-1]]).T, np.array([[_NONE], [self.is_round + _NONE]])
+        half, more = 0.5 * np.array([self.shape[::-1]]).T, [[np.inf], [1.0 + _NONE]] if self.is_round else _NONE
         return (np.abs(pixel + 0.5 - half) <= half + more).all(axis=0)
 
     def heights_m(self, pixel: np.ndarray) -> np.ndarray:
         """Heights (N,) float64 [m] above the datum at columns and rows (2, N) [px], bilinear; NaN where it has none."""
-        source, unit, (n_rows, n_columns) = self._source, (self._source.units[0] or "").lower(), self.shape
+        source, unit, (n_rows, n_columns) = self._source, (self._source.units[0] or "").lower().rstrip("s"), self.shape
         if source.count != 1 or unit not in _METRES:
             raise ShapeError(self._field, "must have one band, of heights in m or km",
-                             f"{source.count}, in {unit or 'm'}", "take it out by gdal_translate -b")
+                             f"{source.count}, in {unit or 'm'}", "gdal_translate -b takes one out, -scale converts it")
         found, on = np.full(pixel.shape[1], np.nan), np.flatnonzero(self.has(pixel))
         on = on[np.argsort(pixel[1, on], kind="stable")]
         x, y, begin = pixel[0, on], np.clip(pixel[1, on], 0.0, n_rows - 1.0), 0
@@ -114,14 +114,12 @@ class Map:
         while begin < len(on):
             bottom = (top := int(y[begin])) + max(_PX_AT_ONCE // (right - left), 1)
             part = slice(begin, begin := int(np.searchsorted(y, bottom)))
-            values = self._read([1], (top, min(bottom + 1, n_rows)), (left, right))[0]
-            if self.is_round:
-                values = np.concatenate([values, values[:, :1]], axis=1)
-            is_none, place = np.isnan(values), (y[part] - top, x[part] - left)
-            found[on[part]] = map_coordinates(np.where(is_none, 0.0, values), place, order=1, mode="nearest")
-            weight = map_coordinates(is_none.astype(np.float32), place, order=1, mode="nearest")
+            values = self._read(1, (top, min(bottom + 1, n_rows)), (left, right))[0]
+            is_none, place = ~np.isfinite(values), (y[part] - top, x[part] - left)
+            found[on[part]] = map_coordinates(np.where(is_none, 0.0, values), place, order=1, mode="grid-wrap")
+            weight = map_coordinates(is_none.astype(np.float32), place, order=1, mode="grid-wrap")
             found[on[part][weight > _NONE]] = np.nan
-        return _METRES[unit] * (found * source.scales[0] + source.offsets[0])
+        return _METRES[unit] * found
 
     def grey(self, pixel: np.ndarray, most_px: int) -> tuple[np.ndarray, np.ndarray]:
         """Grey values (H, W) over their full scale around columns and rows (2, N) [px], NaN for none; these in it."""
@@ -130,18 +128,26 @@ class Map:
         begin = np.maximum(pixel[:, on].min(axis=1).astype(int), 0)
         size = np.minimum(pixel[:, on].max(axis=1).astype(int) + 2, self.shape[::-1]) - begin
         drawn = np.maximum((size * min(1.0, most_px / size.max())).astype(int), 1)
-        bands, (right, bottom) = [1, 2, 3][:3 if self._source.count > 2 else 1], begin + size
-        grey = self._read(bands, (begin[1], bottom), (begin[0], right), drawn[::-1]).mean(axis=0)
-        if (kind := np.dtype(self._source.dtypes[0])).kind in "iu":
-            grey /= np.iinfo(kind).max
+        source, (right, bottom) = self._source, begin + size
+        if source.colorinterp[0].name == "palette":
+            raise ShapeError(self._field, "must have grey values or colours, and no palette", source.name,
+                             "unfold it by gdal_translate -expand gray")
+        grey = self._read(3 if source.count > 2 else 1, (begin[1], bottom), (begin[0], right), drawn[::-1]).mean(axis=0)
+        if (kind := np.dtype(source.dtypes[0])).kind in "iu" and (source.scales[0], source.offsets[0]) == (1.0, 0.0):
+            bits = source.tags(1, ns="IMAGE_STRUCTURE").get("NBITS", np.iinfo(kind).max.bit_length())
+            grey /= 2.0 ** int(bits) - 1.0
         return np.where(grey >= 0.0, grey, np.nan), ((pixel + 0.5).T - begin).T * (drawn / size)[:, None] - 0.5
 
-    def _read(self, bands: list[int], rows: tuple[int, int], columns: tuple[int, int], size: Any = None) -> np.ndarray:
-        """Values (B, H, W) float64 of rows and columns, NaN for no data; means, where the size is less."""
-        made = self._source.read(bands, window=(rows, columns), masked=True,
+    def _read(self, n: int, rows: tuple[int, int], columns: tuple[int, int], size: Any = None) -> np.ndarray:
+        """Scaled values (n, H, W) float64 of rows and columns, NaN for no data; means, where the size is less."""
+        made = self._source.read(list(range(1, n + 1)), window=(rows, columns), masked=True,
                                  resampling=self._rasterio.enums.Resampling.average,
-                                 out_shape=None if size is None else (len(bands), *size))
-        return np.ma.filled(made.astype(np.float64), np.nan)
+                                 out_shape=None if size is None else (n, *size))
+        if np.ma.any((made <= _LOWEST[0]) | (made == _LOWEST[1])):
+            raise ShapeError(self._field, "must name its number for no data: some pixels have the lowest of their type",
+                             made.min(), "gdal_edit.py -a_nodata writes it")
+        scales, offsets = (np.array(each[:n])[:, None, None] for each in (self._source.scales, self._source.offsets))
+        return np.ma.filled(made.astype(np.float64), np.nan) * scales + offsets
 
 
 @contextlib.contextmanager

@@ -1,7 +1,6 @@
 """Terrain from maps of heights: GeoTIFF, in metres above the sphere or ellipsoid of its datum.
 
-Around a site, posts stand in squares, each coarser than the one within; else they are those of the whole map, or of a
-cube around the globe. Each has the map's height, bilinear between its pixels, and stands where the datum has it.
+Around a site posts stand in squares, else over the whole map, or on a cube around the globe, each as high as the map.
 """
 
 from __future__ import annotations
@@ -19,15 +18,14 @@ from ...base.errors import ShapeError
 from ...base.rotations import quaternion
 from ..shape.ellipsoid import degrees_around, degrees_towards, east_north_up, places_m
 from ..shape.files import MAX_FACETS, FileMesh
-from ..shape.grids import cells, checked_rings, cube, nested
+from ..shape.grids import WHOLE_FACETS, cells, checked_rings, cube, nested
 from ..shape.shape import Shape
 from ..shape.textures import MAX_TEXTURE_PX
 from .geotiff import Map, opened
 
 _log = logging.getLogger(__name__)
-_FACETS = 1_000_000
-# Over the datum's radius [1]: reach of rings, of which larger ones close in on the far side; heights that are radii.
-_MOST_REACH, _LIKE_RADIUS = 1.0, 0.5
+# Heights over the datum's radius [1] that are radii; relative difference of radii that is of another flattening.
+_LIKE_RADIUS, _LIKE_DATUM = 0.5, 1e-3
 # Longest side [px] of an orthophoto, without the pixel around it: a square is a texture at its largest.
 _PHOTO_PX = math.isqrt(MAX_TEXTURE_PX) - 2
 
@@ -60,7 +58,7 @@ class GeoTiff:
     @staticmethod
     def read(path: Path, max_facets: int) -> FileMesh:
         """The whole map about its planet's centre."""
-        made = patch(path, facets=min(_FACETS, max_facets))
+        made = patch(path, facets=min(WHOLE_FACETS, max_facets))
         return FileMesh(made.vertices_m, made.facets, warnings=made.report.warnings)
 
     @staticmethod
@@ -97,7 +95,7 @@ def patch(path: str | Path, *, site_deg: Sequence[float] | None = None, rings: S
     if rings is not None and (site_deg is None or facets is not None):
         wrong = ("site_deg", "missing") if site_deg is None else ("facets", "goes with the whole map", facets)
         raise ShapeError(*wrong, hint="rings are around a site, and have facets of their own")
-    n_facets = integer("facets", _FACETS if facets is None else facets, 100, MAX_FACETS)
+    n_facets = integer("facets", WHOLE_FACETS if facets is None else facets, 100, MAX_FACETS)
     around, axes, origin_m = None if rings is None else checked_rings(rings, MAX_FACETS), np.eye(3), np.zeros(3)
     with opened(Path(path), "heights") as heights:
         if site_deg is not None:
@@ -105,7 +103,7 @@ def patch(path: str | Path, *, site_deg: Sequence[float] | None = None, rings: S
             axes = east_north_up(site)
         if around is None:
             degrees, posts = _whole(heights, n_facets)
-        elif around[-1][0] < _MOST_REACH * min(heights.radii_m):
+        elif around[-1][0] < min(heights.radii_m):
             away_m, posts = nested(around)
             degrees = degrees_around(site, away_m, heights.radii_m)
         else:
@@ -113,15 +111,20 @@ def patch(path: str | Path, *, site_deg: Sequence[float] | None = None, rings: S
                              "leave rings out for the whole map")
         height_m = heights.heights_m(heights.pixels(degrees))
     is_there, warnings, uv, albedo_map = np.isfinite(height_m), (), None, None
-    kept, like_m = posts[is_there[posts].all(axis=1)], np.median(height_m[is_there]) if is_there.any() else np.nan
-    if not len(kept) or abs(like_m) > _LIKE_RADIUS * heights.radii_m[0]:
-        raise ShapeError("heights", "must have data, heights above the datum's radius, there", like_m,
+    kept, like_m = posts[is_there[posts].all(axis=1)], np.median(height_m[is_there]) if is_there.any() else 0.0
+    if not len(kept):
+        raise ShapeError("heights", "must have data where posts are", Path(path).name, "choose another site, or rings")
+    if abs(like_m) > _LIKE_RADIUS * heights.radii_m[0]:
+        raise ShapeError("heights", "must be above the sphere or ellipsoid of the datum", like_m,
                          f"of radii subtract {heights.radii_m[0]:.10g} m, or give the band that as its offset")
     if n := int((~is_there).sum()):
         warnings = (f"{n} posts, {100.0 * n / len(is_there):.3g} % of all, have no data or are off the map: holes",)
     if orthophoto is not None:
         with opened(Path(orthophoto), "orthophoto") as photo:
             albedo_map, uv, more = _albedo(photo, degrees, kept)
+        if not np.allclose(photo.radii_m, heights.radii_m, rtol=_LIKE_DATUM):
+            more += (f"the orthophoto's datum has radii of {photo.radii_m} m, the map's {heights.radii_m} m: its "
+                     "latitudes may be of another kind, and its places off",)
         warnings += more
     for text in warnings:
         _log.warning("%s: %s", Path(path).name, text)
@@ -148,6 +151,8 @@ def _whole(heights: Map, n_facets: int) -> tuple[np.ndarray, np.ndarray]:
     if heights.is_round:
         direction, facets = cube(max(round(math.sqrt(n_facets / 12.0)), 1))
         return degrees_towards(direction, heights.radii_m), facets
+    if min(heights.shape) < 2:
+        raise ShapeError("heights", "must have two rows and columns at least", heights.shape, "give a site and rings")
     coarser = max(math.sqrt(2.0 * math.prod(n - 1 for n in heights.shape) / n_facets), 1.0)
     down, across = (np.linspace(0.0, n - 1.0, max(round((n - 1) / coarser), 1) + 1) for n in heights.shape)
     pixel = np.stack(np.meshgrid(across, down[::1 if heights.is_mirrored else -1], indexing="ij"))
@@ -156,12 +161,17 @@ def _whole(heights: Map, n_facets: int) -> tuple[np.ndarray, np.ndarray]:
 
 def _albedo(photo: Map, degrees: np.ndarray, facets: np.ndarray) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
     """Grey values, the mean where the photo has none, texture coordinates (F, 3, 2) of posts (2, N) [deg], warnings."""
-    pixel = photo.pixels(degrees)
-    grey, place = photo.grey(pixel, _PHOTO_PX)
-    mean = float(np.nanmean(grey)) if np.isfinite(grey).any() else 1.0
-    size = np.array(grey.shape[::-1])[:, None] + 2.0
-    u, v = np.clip(place + 1.5, 0.5, size - 0.5) / size
-    off = 100.0 * (1.0 - float(photo.has(pixel)[facets].mean()))
+    pixel = photo.pixels(degrees)[:, facets]
+    if photo.turn_px:  # a facet across the map's edge goes on beyond it
+        pixel[0] -= photo.turn_px * np.round((pixel[0] - pixel[0, :, :1]) / photo.turn_px)
+    grey, place = photo.grey(pixel := pixel.reshape(2, -1), _PHOTO_PX)
+    is_none, mean = np.isnan(grey), float(np.nanmean(grey)) if np.isfinite(grey).any() else 1.0
+    size = np.array(grey.shape[::-1])[:, None]
+    column, row = np.clip(np.rint(place), 0, size - 1).astype(int)
+    off = 100.0 * float((is_none[row, column] | ~photo.has(pixel)).mean())
     warnings = (f"{off:.3g} % of the ground is off the orthophoto, and has its mean albedo",) if off else ()
-    grey = np.pad(np.where(np.isfinite(grey), grey, mean), 1, constant_values=mean).astype(np.float32)
-    return grey, np.stack([u, 1.0 - v], axis=1).astype(np.float32)[facets], warnings
+    grey = np.pad(np.where(is_none, mean, grey), 1, constant_values=mean).astype(np.float32)
+    if photo.is_round:
+        grey[:, [0, -1]] = grey[:, [-2, 1]]
+    u, v = np.clip(place + 1.5, 0.5, size + 1.5) / (size + 2.0)
+    return grey, np.stack([u, 1.0 - v], axis=-1).astype(np.float32).reshape(-1, 3, 2), warnings

@@ -10,7 +10,10 @@ from glrender_camera.validate import positive, vector
 
 from ...base.errors import ShapeError
 
-_MOST_RINGS = 32
+WHOLE_FACETS = 1_000_000
+"""Facets of a whole map, unless others are asked for."""
+# Rings, and posts of half a square's side, at most.
+_MOST_RINGS, _MOST_POSTS = 32, 1e6
 # Gap between a square and the one within over its posts [1], at least: the triangles between are no slivers.
 _GAP = 0.5
 
@@ -21,6 +24,12 @@ def cells(number: np.ndarray) -> np.ndarray:
     return np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
 
 
+def n_facets_of(rings: Sequence[tuple[float, float]]) -> float:
+    """Number of facets that `nested` makes of rings; infinite where it is beyond all bounds."""
+    is_finite = max(out_m / posts_m for out_m, posts_m in rings) < _MOST_POSTS
+    return sum(8 * (last**2 - first**2) for first, last in _sizes(rings)) if is_finite else math.inf
+
+
 def checked_rings(rings: object, max_facets: int) -> list[tuple[float, float]]:
     """Rings as `nested` takes them, that grow outwards and make so many facets at most.
 
@@ -28,7 +37,7 @@ def checked_rings(rings: object, max_facets: int) -> list[tuple[float, float]]:
     ------
     ConfigError, ShapeError
     """
-    if not isinstance(rings, Sequence) or isinstance(rings, str) or not 0 < len(rings) <= _MOST_RINGS:
+    if not isinstance(rings, Sequence | np.ndarray) or isinstance(rings, str) or not 0 < len(rings) <= _MOST_RINGS:
         raise ShapeError("rings", f"must be 1 to {_MOST_RINGS} pairs [out to, posts], in metres", rings)
     made: list[tuple[float, float]] = []
     for index, ring in enumerate(rings):
@@ -37,8 +46,7 @@ def checked_rings(rings: object, max_facets: int) -> list[tuple[float, float]]:
             raise ShapeError(f"rings[{index}]", "must reach farther than the ring within, with posts no nearer", ring,
                              "begin with the innermost")
         made.append((out_m, posts_m))
-    count = sum(8 * (last**2 - first**2) for first, last in _sizes(made))
-    if count > max_facets:
+    if (count := n_facets_of(made)) > max_facets:
         raise ShapeError("rings", f"must make at most {max_facets} facets", count,
                          "set posts farther apart, or end sooner")
     return made

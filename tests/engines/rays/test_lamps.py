@@ -171,6 +171,48 @@ def test_a_lamp_shines_on_a_night_side_and_behind_the_sun():
     assert warned["lamp"] == [] and "night_side" in warned["sun"] and "night_side" not in warned["beside"]
 
 
+@pytest.mark.parametrize("range_m, angle_deg", [(3e2, 180.0), (3e4, 180.0), (3e4, 170.0), (3e4, 90.0)])
+def test_a_far_body_by_a_lamp_has_the_light_that_is_predicted(range_m, angle_deg):
+    """Below 4 px: the sum over a convex body's facets, each of one light, by the lamp and by the Sun."""
+    ball, albedo, angle = generate.icosphere(radius_m=1.0, subdivisions=5), 0.3, np.radians(angle_deg)
+    lamp, au_m = Lamp(name="a", intensity_W_sr=1e9), 149_597_870_700.0
+    pinhole = PinholeCamera(name="c", width_px=32, height_px=32, focal_length_px=500.0)
+    made = scene(ball, lamp, cameras=[pinhole], law=Lambert(normal_albedo=albedo), solar_irradiance_1au_W_m2=1000.0)
+    r_sun = au_m * np.array([np.sin(angle), 0.0, -np.cos(angle)])
+    with Renderer(made) as renderer:
+        image = renderer.render(State(r_sun_inertial_m=r_sun, spacecraft=Pose(r_inertial_m=np.zeros(3)),
+                                      bodies={"room": Pose(r_inertial_m=[0.0, 0.0, range_m])}))
+    to_eye_m = -ball.vertices_m[ball.facets].mean(axis=1) - [0.0, 0.0, range_m]
+    away_m = np.linalg.norm(to_eye_m, axis=1)
+    mu = np.maximum(np.einsum("fx,fx->f", ball.facet_normals, to_eye_m) / away_m, 0.0)
+    mu0 = np.maximum(ball.facet_normals @ (r_sun / au_m), 0.0)
+    light = mu * lamp.intensity_W_sr / away_m**2 + 1000.0 * mu0
+    expected = albedo / np.pi * (light * mu * ball.facet_areas_m2 / away_m**2).sum()
+    assert abs(image.irradiance_W_m2.sum(dtype=float) / expected - 1.0) < 0.1 * 0.02
+    # Where a crescent has a third of the light its own error is predicted.
+    assert (image.plan.predicted_error <= 0.02 and not image.warnings) == (angle_deg != 170.0)
+
+
+def test_a_camera_outside_a_room_is_warned():
+    """Whatever lights it, as the walls' backs hide nothing; not in it, nor outside a ball that has a cave."""
+    room, far = Shape.from_arrays(*room_with_pillar(), inside=True), np.array([-20.0, -15.0, 12.0])
+    outer, inner = (generate.icosphere(radius_m=radius_m, subdivisions=2) for radius_m in (4.0, 2.0))
+    hollow = Shape.from_arrays(np.concatenate([outer.vertices_m, inner.vertices_m]), np.concatenate(
+        [outer.facets, inner.facets[:, ::-1] + len(outer.vertices_m)]), inside=True)
+    lamp = Lamp(name="a", intensity_W_sr=1.0)
+    for shape, lamps, eye_m, is_outside in (
+            (room, [lamp], far, True), (room, [], far, True), (room, [lamp], EYE_M, False),
+            (hollow, [lamp], far, False), (hollow, [lamp], 0.1 * EYE_M, False)):
+        with Renderer(scene(shape, *lamps, max_error=0.2)) as renderer:
+            for sun in ([1.5e11, 0.0, 0.0], [1e10, 2e10, 1.5e11]):
+                at = state(eye_m, [0.0, 0.0, 2.5 if shape is room else 0.5])
+                at = State(r_sun_inertial_m=sun, spacecraft=at.spacecraft, bodies=at.bodies)
+                found = [each for each in renderer.render(at).warnings if each.code == "behind_ground"]
+                assert bool(found) == is_outside, (eye_m, sun)
+                if found:
+                    assert "the camera is outside the room room, or in its walls" in found[0].message
+
+
 def test_a_body_shades_another_from_a_lamp_aside():
     """A lamp 6 m off the camera: a ball that the camera sees past is in the way of the lamp's light."""
     ball = generate.icosphere(radius_m=1.0, subdivisions=3)
