@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from glrender_camera import PinholeCamera
 
-from ..scene.lamp import Lamp
-from ..scene.shape.convex_hull import Hull
+from ..scene.scene import Scene
 from ..view.occluders import casters
 from ..view.state import State
 from ..view.view import BodyView, largest_phase, view_bodies
@@ -44,20 +43,21 @@ class Seen:
                        detail_layers=len(active))
 
 
-def seen_bodies(state: State, camera: PinholeCamera, hulls: Mapping[str, Hull], traits: Sequence[BodyTraits],
-                has_sun_disc: bool, lamps: Sequence[Lamp] = (), solar_W_m2: float = 0.0) -> tuple[Seen, ...]:
-    """All bodies of a scene, in the order of their hulls and traits; where it has lamps, phases are of all lights.
+def seen_bodies(state: State, camera: PinholeCamera, scene: Scene, traits: Sequence[BodyTraits]) -> tuple[Seen, ...]:
+    """All bodies of a scene, in its order and that of their traits; where it has lamps, phases are of all lights.
 
     Raises
     ------
     SceneError
         The state cannot be rendered: an unknown body, a camera inside a body.
     """
-    views, found = view_bodies(state, camera, hulls), []
-    if lamps:
-        views = [replace(view, phase_rad=largest_phase(view, lamps, camera, solar_W_m2)) for view in views]
+    hulls, found = scene.hulls, []
+    views = view_bodies(state, camera, hulls)
+    if scene.lamps:
+        solar_W_m2 = scene.solar_irradiance_of(camera)
+        views = [replace(view, phase_rad=largest_phase(view, scene.lamps, camera, solar_W_m2)) for view in views]
     for view, known in zip(views, traits, strict=True):
-        sun_radius_rad = view.sun_radius_rad if has_sun_disc else 0.0
+        sun_radius_rad = view.sun_radius_rad if scene.sun_disc else 0.0
         cast = casters(view, views, hulls, sun_radius_rad) if view.is_visible else []
         found.append(Seen.of(view, known, camera, tuple(name for name, *_ in cast),
                              penumbra_of(view, cast, hulls, sun_radius_rad)))

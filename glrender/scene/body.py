@@ -28,7 +28,7 @@ PART = "\x1f"
 """The sign between a body's name and the number of its part's material: not printable, as names are."""
 
 
-def albedo_name(law: Law) -> str | None:
+def albedo_name(law: Any) -> str | None:
     """The name of the albedo that a map scales; None of a law that has none, whose BRDF it scales."""
     return next((each.name for each in fields(law) if each.name.endswith("albedo")), None)
 

@@ -68,12 +68,12 @@ def test_the_facts_of_a_body_are_those_of_the_scene():
     to_sun = state.r_sun_inertial_m / np.linalg.norm(state.r_sun_inertial_m)
     state = replace(state, bodies={**state.bodies, "moon": Pose(r_inertial_m=1000.0 * to_sun)})
     known = [traits() for _ in bodies]
-    body, moon = seen_bodies(state, scene.cameras[0], scene.hulls, known, True)
+    body, moon = seen_bodies(state, scene.cameras[0], scene, known)
     assert (body.view.name, body.casters, moon.casters) == ("body", ("moon",), ())
     width_m = 2.0 * SUN_RADIUS_M / np.linalg.norm(state.r_sun_inertial_m) * 1000.0
     assert body.penumbra.eclipse_px * body.view.footprint_m == pytest.approx(width_m, rel=1e-3)
     assert moon.penumbra.eclipse_px == 0.0
-    hard, _ = seen_bodies(state, scene.cameras[0], scene.hulls, known, False)
+    hard, _ = seen_bodies(state, scene.cameras[0], replace(scene, sun_disc=False), known)
     assert hard.casters == ("moon",) and hard.penumbra == Penumbra()
 
 
