@@ -239,7 +239,7 @@ class Renderer:
                ) -> tuple[FramePlan, Frame, Drawn]:
         """The light of surfaces, with what it was drawn by; refused where parameters by name have no derivatives."""
         traits = [body.traits for body in self._bodies.values()]
-        seen = seen_bodies(state, request.camera, self._parts.drawn.hulls, traits, request.has_sun_disc)
+        seen = seen_bodies(state, request.camera, self._parts.drawn, traits)
         if request.has_derivatives:
             check_derivable(names, self.scene, request, seen)
         plan, irradiance = plan_frame(seen, request), _blank(request.camera, request.use.out)

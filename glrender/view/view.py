@@ -124,7 +124,8 @@ def largest_phase(view: BodyView, lamps: Sequence[Lamp], camera: PinholeCamera, 
         place_m, axis = lamp_in(view, lamp, camera)
         distance_m = max(float(np.linalg.norm(place_m)), 1e-9)
         if lamp.half_angle_deg == ALL_ROUND_DEG or axis @ place_m <= -lamp.least_cosine * distance_m:
-            lights.append((lamp.intensity_W_sr / distance_m**2, float(frames.angle_between(place_m / distance_m, to_camera))))
+            phase_rad = float(frames.angle_between(place_m / distance_m, to_camera))
+            lights.append((lamp.intensity_W_sr / distance_m**2, phase_rad))
     # Russell (1916), of a Lambert sphere.
     sent = [light_W_m2 * (math.sin(phase) + (math.pi - phase) * math.cos(phase)) for light_W_m2, phase in lights]
     return max(phase for (_, phase), each in zip(lights, sent, strict=True) if each >= FAINT * max(sent))
