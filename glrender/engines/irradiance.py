@@ -44,8 +44,8 @@ _MAX_WINDOW_SAMPLES = 16_777_216
 _FIRST_RAYS = 3e5
 # Side [px] of the parts of an image that are passed over where nothing faces both.
 _FACING_TILE_PX = 32
-# Error of a frame by facets' areas over that by contrast [1] from which samples pass parts by: of natural shapes 1.
-_MUCH_LARGER = 1.5
+# Error of a pixel by facets' areas over that by contrast [1] from which its samples pass parts by.
+_MUCH_LARGER = 2.0
 # Samples along the side of a part that OpenGL draws behind a lens: it draws three times as many, and more.
 _LENS_TILE = 1024
 
@@ -272,8 +272,9 @@ class IrradiancePass:
             # An image is dark for what samples pass by, and for no shadow, where they miss most of the light of areas.
             if not mean.any() and 2.0 * of_areas.sum() > (of_all := by_areas(0)).sum():
                 light = of_all
-            if frame_error(light, of_areas) > _MUCH_LARGER * frame_error(light, error):
-                error, missed = np.maximum(error, of_areas), by_areas
+            is_larger = of_areas > _MUCH_LARGER * error
+            if is_larger.any():
+                error, missed = np.where(is_larger, of_areas, error), by_areas
         now = frame_error(light, error)
         # Edges of shadows lie where the map's texels put them, however many samples see them.
         edges = now * window.samples**(0.5 * power) * math.sqrt(window.shadow_share)
@@ -287,7 +288,7 @@ class IrradiancePass:
         refinement = None
         has_aim = is_last or floor <= window.budget.tolerance or math.isfinite(deadline)
         if math.isfinite(left) and has_aim and time.monotonic() < deadline:
-            left *= ECLIPSE_SHARE if is_eclipsed else 1.0
+            left *= ECLIPSE_SHARE if is_eclipsed or missed is not None else 1.0
             refinement = plan_refinement(light, error, window.samples, left, power, most)
             if is_eclipsed:
                 refinement = eclipse_samples.holding_flux(refinement, mean, error, variance, window.samples, left,
@@ -305,8 +306,9 @@ class IrradiancePass:
                 clock.lap("readback")
         reached, told = refinement.predicted_error, {}
         if missed is not None:
-            after = np.where(refinement.mask, np.maximum(
-                error * (window.samples / refinement.samples) ** (0.5 * power), missed(refinement.samples)), error)
+            after = error * np.where(refinement.mask, (window.samples / refinement.samples) ** (0.5 * power), 1.0)
+            again = np.where(refinement.mask, missed(refinement.samples), 0.0)
+            after = np.where((again > _MUCH_LARGER * after) | is_larger, np.maximum(after, again), after)
             reached = max(reached, frame_error(light, after))
         if is_eclipsed:
             # More pixels are lit than the first samples showed.

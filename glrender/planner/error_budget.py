@@ -31,7 +31,8 @@ divided while it is more, which takes longer than to clip the others within the 
 UNDIVIDED_SHARE = 0.25
 """Triangles that are clipped as they are, of the squared error that is left: the dimmest, which are the most."""
 ECLIPSE_SHARE = 0.85
-"""Samples in an eclipse: the first samples, which the refinement follows, show fewer lit pixels than there are."""
+"""Samples in an eclipse, or that pass parts by: the first, which the refinement follows, show fewer lit pixels than
+there are."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -15,6 +15,7 @@ import numpy as np
 
 from ...planner.engine_choice import CENTROIDS_LEAST
 from ...planner.error_budget import CELL_SHARE, FLUX_SHARE, LEAST_LEFT, OVERLAPS_LEFT, PENUMBRA_SHARE, Budget
+from ...planner.error_model import FEWEST_CENTROIDS
 from ...planner.penumbra import sun_points
 from ...scene.scene import Scene
 from ...scene.shape.shape import Shape
@@ -58,12 +59,14 @@ class CoverageEngine:
         self._scene, self._rays, self._brdf_tables = scene, rays, BrdfTables()
         # Facets of several bodies, of shells and of surfaces that are there twice overlap with nothing missing for it.
         self._is_one_surface = len(scene.bodies) == 1 and _is_one_surface(scene.bodies[0].shape)
-        self._facets = {body.name: FacetTables(body, rays.solid(body.name))
-                        for body in scene.bodies if Surface(body).is_even}
+        # Uneven ones tell what samples miss; large shapes have facets far smaller than their thinnest parts.
+        self._facets = {body.name: FacetTables(body, rays.solid(body.name)) for body in scene.bodies
+                        if Surface(body).is_even or len(body.drawn_shape.facets) < FEWEST_CENTROIDS}
 
     def facets(self, name: str) -> FacetTables | None:
         """A body's tables; None where its facets are not evenly bright."""
-        return self._facets.get(name)
+        found = self._facets.get(name)
+        return found if found is not None and found.surface.is_even else None
 
     def close(self) -> None:
         """Release the tables."""
@@ -134,7 +137,7 @@ class CoverageEngine:
     def may_be_lit(self, names: Sequence[str], views: list[BodyView], cells: ImageCells) -> np.ndarray | None:
         """Cells (rows, columns) uint8 that a facet touches which faces the camera and any of the Sun's disc.
 
-        None where a body is not drawn by coverage, or is not wholly before the camera.
+        None where a body has many uneven facets, or is not wholly before the camera.
         """
         members = self._members(names, views)
         return None if members is None else _may_be_lit(members, cells, self._scene.sun_disc)
@@ -143,15 +146,15 @@ class CoverageEngine:
                         ) -> np.ndarray:
         """Errors (rows, columns) [W/m2 per pixel] of count x count samples in each cell: `sampling.sampling_errors`.
 
-        None are known behind a lens, and of bodies that coverage does not draw.
+        None are known behind a lens, and of bodies of many facets with a texture or smooth normals.
         """
         members = self._members(names, views)
         if members is None or cells.camera.lens_map is not None:
             return np.zeros(cells.shape)
-        return sampling_errors(members, cells, count, self._scene.solar_irradiance_of(cells.camera))
+        return sampling_errors(members, views, cells, count, self._scene.solar_irradiance_of(cells.camera), self._rays)
 
     def _members(self, names: Sequence[str], views: list[BodyView]) -> list[tuple[FacetTables, BodyView]] | None:
-        """Tables and views of bodies that are seen, all of which coverage may draw, or None."""
+        """Tables and views of bodies that are seen and wholly before the camera, or None where one has none."""
         members = [view for view in views if view.name in names and view.is_visible]
         if any(view.name not in self._facets or view.bounds_px is None for view in members):
             return None

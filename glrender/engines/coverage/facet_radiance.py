@@ -34,7 +34,8 @@ class FacetRadiance:
     def __init__(self, facets: FacetTables, view: BodyView, facing: np.ndarray, cos_incidence: np.ndarray):
         self._facets, self._view = facets, view
         self._radiance, self._cos_off_axis, self._cos_incidence = np.zeros((3, facets.n_facets))
-        self._cos_incidence[facing] = cos_incidence
+        self._cos_incidence[facing] = cos_incidence if facets.shading_normal is facets.normal else np.maximum(
+            dot(facets.shading_normal.take(facing, axis=1), view.sun_direction_body[:, None]), 0.0)
         self._is_known = np.zeros(facets.n_facets, bool)
 
     def of(self, facet: np.ndarray) -> np.ndarray:
@@ -86,8 +87,8 @@ class FacetRadiance:
     def _towards(self, to_camera: np.ndarray, facet: np.ndarray) -> np.ndarray:
         """Radiance (N,) of facets (N,) in directions (3, N)."""
         facets, view = self._facets, self._view
-        brdf = facets.surface.brdf(view.sun_direction_body, to_camera.T, facets.normal.take(facet, axis=1).T,
-                                   facets.surface.albedo_scale(facets.number.take(facet)))
+        brdf = facets.surface.brdf(view.sun_direction_body, to_camera.T, facets.shading_normal.take(facet, axis=1).T,
+                                   facets.albedo_scale.take(facet))
         return brdf * self._cos_incidence.take(facet) / view.sun_distance_au**2
 
     def _compute(self, facet: np.ndarray) -> None:

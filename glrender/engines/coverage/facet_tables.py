@@ -49,6 +49,10 @@ class FacetTables:
         Vertices, counter-clockwise from outside.
     normal : (3, F) float64
         Outward unit vectors.
+    shading_normal : (3, F) float64
+        The same, or of a smooth body those of the facets' middles.
+    albedo_scale : (F,) float64 [1]
+        Factor of the texture on the law's albedo, the mean of the corners'.
     offset_m : (F,) float64 [m]
         Of the facets' planes from the body's origin, along the normal.
     neighbours : (3, F) int32
@@ -68,6 +72,13 @@ class FacetTables:
             corners, self.number, len(shape.vertices_m))
         self.vertices_m = columns_m.take(self.vertex_number, axis=1)
         self.normal = np.ascontiguousarray(shape.facet_normals.take(self.number, axis=0).T)
+        self.shading_normal = self.normal
+        if body.smooth_normals:
+            self.shading_normal = np.ascontiguousarray(self.surface.normals(self.number).T)
+        self.albedo_scale = np.broadcast_to(1.0, self.n_facets)
+        if body.albedo_map is not None:
+            self.albedo_scale = np.mean([self.surface.albedo_scale(self.number, np.tile(at, (self.n_facets, 1)))
+                                         for at in np.eye(3)], axis=0)
         self.solid, self.crease_rad = solid, shape.crease_rad
         self.offset_m = dot(self.normal, self.vertices_m.take(self.corners[0], axis=1))
         # Now: a first frame that had to wait for them would be late.

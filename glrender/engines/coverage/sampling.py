@@ -6,38 +6,50 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from ...planner.error_model import FEWEST_CENTROIDS
 from ...view.view import BodyView
+from ..rays.engine import RayEngine
 from . import accumulate, facet_loops, outlines
+from .corner_visibility import look
 from .facet_radiance import FacetRadiance
 from .facet_tables import FacetTables
 from .image_cells import ROWS, ImageCells
 from .sub_triangles import projected
 
 
-def sampling_errors(bodies: Iterable[tuple[FacetTables, BodyView]], cells: ImageCells, count: int, solar_W_m2: float
-                    ) -> np.ndarray:
+def sampling_errors(bodies: Iterable[tuple[FacetTables, BodyView]], views: list[BodyView], cells: ImageCells,
+                    count: int, solar_W_m2: float, rays: RayEngine) -> np.ndarray:
     """Light (rows, columns) [W/m2 per pixel] by which count x count samples in each cell differ from exact areas.
 
-    Parts narrower than a sample, and edges along the samples' rows, show in it. It is the light of all facets that
-    face camera and Sun, also of those that others hide or shade.
+    Parts narrower than a sample, and edges along the samples' rows, show in it. It is the light of facets that face
+    camera and Sun, also of those that others hide or shade; of a shape of few facets, of those with a corner in light.
 
     Parameters
     ----------
     bodies : iterable of (FacetTables, BodyView)
         All of each before the camera, which has no lens.
+    views : list of BodyView
+        Of all bodies.
     cells : ImageCells
     count : int
         0 for the light of the areas itself.
     solar_W_m2 : float [W/m2]
         Irradiance of the Sun at 1 au.
+    rays : RayEngine
     """
     camera, (rows, columns), drawn = cells.camera, cells.shape, []
     for facets, view in bodies:
-        xy_px, radiance = projected(facets.vertices_m, view, camera), np.zeros(facets.n_facets)
-        facing, cosines, *_ = facet_loops.facing(
-            facets.normal, facets.offset_m, 0, facets.n_facets, view.sun_direction_body, 0.0, view.r_camera_body_m,
-            xy_px, facets.corners, cells.bounds_px)
-        radiance[facing] = FacetRadiance(facets, view, facing, cosines).of(facing)
+        if facets.n_facets < FEWEST_CENTROIDS:
+            seen = look(facets, view, views, cells, rays, 0.0)
+            xy_px, lit, made = seen.xy_px, np.concatenate([seen.whole, seen.boundary.facet]), seen.radiance
+        else:
+            xy_px = projected(facets.vertices_m, view, camera)
+            lit, cosines, *_ = facet_loops.facing(
+                facets.normal, facets.offset_m, 0, facets.n_facets, view.sun_direction_body, 0.0,
+                view.r_camera_body_m, xy_px, facets.corners, cells.bounds_px)
+            made = FacetRadiance(facets, view, lit, cosines)
+        radiance = np.zeros(facets.n_facets)
+        radiance[lit] = made.of(lit)
         drawn.append((facets, view, xy_px, radiance))
     found, (left, top, right, _) = np.empty(cells.shape, np.float32), cells.bounds_px
     # All facets are visited for each band of rows, which takes no more memory than they do.

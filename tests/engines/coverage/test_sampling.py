@@ -1,4 +1,4 @@
-"""The error of samples by exact areas: of bars narrower than a sample, by closed form."""
+"""The error of samples by exact areas: of bars narrower than a sample, even, textured and smooth, by closed form."""
 
 from __future__ import annotations
 
@@ -21,23 +21,34 @@ RANGE_M, LENGTH_PX, SIDE_PX = 1e6, 30.3, 48
 LIGHT = views.SOLAR_IRRADIANCE_W_M2 * 0.3 / np.pi * np.cos(0.5) / RANGE_M**2
 
 
-def bar(wide_px, middle_px):
-    """A bar along the image's rows, a metre to a pixel, with its scene and state and its areas (rows, columns)."""
-    edges = [np.array([-0.5, 0.5]) * size + middle for size, middle in ((LENGTH_PX, 0.2), (wide_px, middle_px))]
+EVEN = np.ones((8, 16))
+CHECKED = 0.3 + 1.4 * (np.indices((32, 64)).sum(axis=0) % 2)
+
+
+def bar(wide_px, middle_px, *more, texture=None, is_smooth=False):
+    """Bars along the image's rows, a metre to a pixel, with their scene and state and their areas (rows, columns)."""
     camera = views.camera(SIDE_PX, RANGE_M)
     at = views.state(direction=(0.0, 0.0, 1.0), range_m=RANGE_M)
     from_body = view_bodies(at, camera, views.scene([views.sphere(Lambert(normal_albedo=0.3), 0)], [camera]).hulls)[0]
-    turn = from_body.camera_from_body
-    low, high = (np.array([edges[0][k], edges[1][k], 0.0]) for k in range(2))
-    vertices, facets = solids.box((low[0], low[1], 0.0), (high[0], high[1], 1.0))
-    # The box is laid out in the camera's axes, its near side at z = 0.
-    shape = type(solids.slab()).from_arrays(vertices @ turn, facets)
-    scene = views.scene([Body(name="body", shape=shape, brdf=Lambert(normal_albedo=0.3))], [camera], sun_disc=False)
-    state = replace(at, r_sun_inertial_m=AU_M * np.array([0.0, np.sin(0.5), np.cos(0.5)]))
+    turn, vertices, facets, area = from_body.camera_from_body, [], [], 0.0
     pixel = np.arange(SIDE_PX) - 0.5 * (SIDE_PX - 1)
-    across, down = (np.maximum(np.minimum(end[1], pixel + 0.5) - np.maximum(end[0], pixel - 0.5), 0.0)
-                    for end in edges)
-    return scene, state, down[:, None] * across
+    for size, middle in ((wide_px, middle_px), *more):
+        ends = [np.array([-0.5, 0.5]) * each + place for each, place in ((LENGTH_PX, 0.2), (size, middle))]
+        low, high = (np.array([ends[0][k], ends[1][k], 0.0]) for k in range(2))
+        made = solids.box((low[0], low[1], 0.0), (high[0], high[1], 1.0))
+        facets.append(made[1] + 8 * len(vertices))
+        vertices.append(made[0])
+        across, down = (np.maximum(np.minimum(end[1], pixel + 0.5) - np.maximum(end[0], pixel - 0.5), 0.0)
+                        for end in ends)
+        area = area + down[:, None] * across
+    # The boxes are laid out in the camera's axes, their near sides at z = 0.
+    shape = type(solids.slab()).from_arrays(np.concatenate(vertices) @ turn, np.concatenate(facets))
+    body = Body(name="body", shape=shape, brdf=Lambert(normal_albedo=0.3), smooth_normals=is_smooth)
+    if texture is not None:
+        body = replace(body, albedo_map=texture, albedo_projection={"kind": "equirectangular", "left_edge_deg": -180.0})
+    scene = views.scene([body], [camera], sun_disc=False)
+    state = replace(at, r_sun_inertial_m=AU_M * np.array([0.0, np.sin(0.5), np.cos(0.5)]))
+    return scene, state, area
 
 
 @pytest.mark.parametrize("count", [1, 2, 5])
@@ -47,23 +58,47 @@ def test_samples_differ_from_areas_by_what_they_miss(count):
     body, = scene.bodies
     seen = view_bodies(state, scene.cameras[0], scene.hulls)
     cells = ImageCells(scene.cameras[0], scene.cameras[0].bounds_px, (SIDE_PX, SIDE_PX))
-    tables = FacetTables(body, RayEngine(scene).solid("body"))
-    found = sampling_errors([(tables, seen[0])], cells, count, scene.solar_irradiance_1au_W_m2)
+    rays = RayEngine(scene)
+    tables = FacetTables(body, rays.solid("body"))
+    found = sampling_errors([(tables, seen[0])], seen, cells, count, scene.solar_irradiance_1au_W_m2, rays)
     place = (np.arange(SIDE_PX * count) + 0.5) / count - 0.5 * SIDE_PX
     is_in = (np.abs(place - 0.1) < 0.185)[:, None] & (np.abs(place - 0.2) < 0.5 * LENGTH_PX)
     sampled = is_in.reshape(SIDE_PX, count, SIDE_PX, count).mean(axis=(1, 3))
     np.testing.assert_allclose(found / LIGHT, np.abs(area - sampled), atol=1e-3)
 
 
+@pytest.mark.parametrize("texture", [None, EVEN])
 @pytest.mark.parametrize("engine", ["rays", "raster"])
 @pytest.mark.parametrize("wide_px", [0.3, 0.1])
-def test_a_bar_narrower_than_samples_is_found_or_its_error_predicted(engine, wide_px):
+def test_a_bar_narrower_than_samples_is_found_or_its_error_predicted(engine, wide_px, texture):
     """It is between the rows of 2 x 2 samples; the prediction is over the mean of the drawn light, which errs too."""
-    scene, state, area = bar(wide_px, 0.52)
+    scene, state, area = bar(wide_px, 0.52, texture=texture)
     with Renderer(scene) as renderer:
         image = renderer.render(state, engine=engine, max_error=0.02)
     error = views.relative_rms(image.irradiance_W_m2.astype(float), LIGHT * area)
     assert error <= 1.4 * image.plan.predicted_error
+
+
+@pytest.mark.parametrize("texture", [None, EVEN])
+@pytest.mark.parametrize("engine", ["rays", "raster"])
+@pytest.mark.parametrize("wide_px", [0.17, 0.11, 0.02])
+def test_a_bar_narrower_than_samples_next_to_a_wide_one(engine, wide_px, texture):
+    """All contrast is at the wide one: the pixels of the other show none, and have a small part of the light."""
+    scene, state, area = bar(15.3, -8.0, (wide_px, 8.5), texture=texture)
+    with Renderer(scene) as renderer:
+        image = renderer.render(state, engine=engine, max_error=0.02)
+    error = views.relative_rms(image.irradiance_W_m2.astype(float), LIGHT * area)
+    assert error <= 1.2 * image.plan.predicted_error
+
+
+@pytest.mark.parametrize("kind", [{"texture": CHECKED}, {"is_smooth": True}])
+def test_a_dark_image_of_a_textured_or_smooth_bar_has_an_error(kind):
+    """By the engine that the plan chooses: the texture is dark at the middles of facets, or smooth normals aslant."""
+    scene, state, _ = bar(1e-3, 0.501, **kind)
+    with Renderer(scene) as renderer:
+        image = renderer.render(state, max_error=0.02)
+    assert image.plan.predicted_error > 0.5
+    assert any("exceeds max_error" in str(each) for each in image.warnings)
 
 
 @pytest.mark.parametrize("engine", ["rays", "raster"])
