@@ -26,7 +26,7 @@ LEAST_LEFT = 0.3
 OVERLAPS_LEFT = 0.9
 """Clipping, of the squared tolerance: a tenth is left for facets that turn out to overlap."""
 MISSED_SHARE = 0.8
-"""Boundaries that pass between corners that agree, of the squared tolerance: neighbours of boundary facets are
+"""Boundaries that pass between corners that agree, of the squared tolerance: all facets that face camera and Sun are
 divided while it is more, which takes longer than to clip the others within the fifth that is left."""
 UNDIVIDED_SHARE = 0.25
 """Triangles that are clipped as they are, of the squared error that is left: the dimmest, which are the most."""

@@ -21,7 +21,7 @@ from .sunlit_error import CLIPPED_ERROR, pixels_squared
 
 # Bisections by which ends of cuts are found: of many triangles, and of few, whose errors do not cancel.
 _BISECTIONS, _BISECTIONS_OF_FEW = 2, 6
-# The part of the error of boundaries between corners that agree that is left where the facets next to boundary ones are
+# The part of the error of boundaries between corners that agree that is left where the facets with such corners are
 # divided too, and that each division more leaves of that [1]: 12 frames at tolerances of 0.004 to 0.01, compared with
 # rays, have less. The most such divisions; and the most parts, a round choice that takes 1 s.
 _STILL_MISSED, _STILL_MISSED_LATER = 0.36, 0.5
@@ -59,8 +59,9 @@ def find_areas(seen: CornerVisibility, most_squared: float, flux_weight: float) 
     between = behind + CLIPPED_ERROR * float(seen.squared_light(large).sum())
     error = CLIPPED_ERROR * squared + missed + between
     if error + flux_weight * bias**2 > most_squared:
-        if not seen.is_alone or missed > MISSED_SHARE * most_squared:
-            beside = seen.beside_boundary()
+        is_missed = missed > MISSED_SHARE * most_squared
+        if is_missed or not seen.is_alone:
+            beside = seen.beside_boundary(is_missed and len(seen.facing) <= _MANY)
             whole = np.setdiff1d(whole, beside.facet)
             done, triangles, missed = _divide_with_beside(seen, beside, missed,
                                                           MISSED_SHARE * most_squared - between)
@@ -85,9 +86,9 @@ def _missed_behind(seen: CornerVisibility) -> float:
 
 def _divide_with_beside(seen: CornerVisibility, beside: FacetParts, missed: float, most_left: float
                         ) -> tuple[FacetParts, FacetParts, float]:
-    """Lit and mixed parts of boundary triangles and of the facets next to them, and the error left: boundaries bend.
+    """Lit and mixed parts of boundary triangles and of others, and the error left: boundaries bend, or begin anew.
 
-    The facets next to them are divided once, and both again until the error is small enough or parts are too many.
+    The others are divided once, and both again until the error is small enough or parts are too many.
     """
     cutter, triangles = seen.cutter, seen.boundary
     beside, missed = cutter.quarters(beside), _STILL_MISSED * missed
