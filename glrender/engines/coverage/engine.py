@@ -59,7 +59,7 @@ class CoverageEngine:
         self._scene, self._rays, self._brdf_tables = scene, rays, BrdfTables()
         # Facets of several bodies, of shells and of surfaces that are there twice overlap with nothing missing for it.
         self._is_one_surface = len(scene.bodies) == 1 and _is_one_surface(scene.bodies[0].shape)
-        # Uneven ones tell what samples miss; large shapes have facets far smaller than their thinnest parts.
+        # Uneven ones show what samples miss; large shapes have facets far smaller than their thinnest parts.
         self._facets = {body.name: FacetTables(body, rays.solid(body.name)) for body in scene.bodies
                         if Surface(body).is_even or len(body.drawn_shape.facets) < FEWEST_CENTROIDS}
 
