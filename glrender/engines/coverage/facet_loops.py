@@ -181,16 +181,21 @@ def neighbours(corners, n_vertices):
 
     -1 where an edge has not exactly two facets that run along it in opposite directions.
     """
-    n_sides = 3 * corners.shape[1]
-    # The sides whose lower vertex is the same: one, and which follows each.
-    one, following = np.full(n_vertices, -1, np.int32), np.empty(n_sides, np.int32)
+    n_sides, n_there = 3 * corners.shape[1], np.zeros(n_vertices, np.int32)
     for side in range(n_sides):
-        low = min(corners[side % 3, side // 3], corners[(side + 1) % 3, side // 3])
-        following[side], one[low] = one[low], side
+        n_there[corners[side % 3, side // 3]] += 1
+    # The sides that have the same end with fewer facets, which a fan's middle has not: one, and which follows each.
+    one, following, at = np.full(n_vertices, -1, np.int32), np.empty(n_sides, np.int32), np.empty(n_sides, np.int32)
+    for side in range(n_sides):
+        low, high = corners[side % 3, side // 3], corners[(side + 1) % 3, side // 3]
+        if high < low:
+            low, high = high, low
+        at[side] = low if n_there[low] <= n_there[high] else high
+        following[side], one[at[side]] = one[at[side]], side
     found = np.full((3, corners.shape[1]), -1, np.int32)
     for side in range(n_sides):
         begin, end = corners[side % 3, side // 3], corners[(side + 1) % 3, side // 3]
-        other, n_along, across = one[min(begin, end)], 0, -1
+        other, n_along, across = one[at[side]], 0, -1
         while other >= 0:
             first, last = corners[other % 3, other // 3], corners[(other + 1) % 3, other // 3]
             if first == end and last == begin:
