@@ -44,10 +44,10 @@ def wrong_hashes(files: dict[str, bytes]) -> list[str]:
     """Names of files that RECORD lacks, or has by another hash, and of those that only RECORD has."""
     record, = (name for name in files if name.endswith(".dist-info/RECORD"))
     rows = [line.rsplit(",", 2) for line in files[record].decode().splitlines()]
-    told = {name.strip('"'): digest for name, digest, _ in rows if name.strip('"') != record}
+    listed = {name.strip('"'): digest for name, digest, _ in rows if name.strip('"') != record}
     made = {name: "sha256=" + base64.urlsafe_b64encode(hashlib.sha256(content).digest()).decode().rstrip("=")
             for name, content in files.items() if name != record}
-    return sorted(name for name in told.keys() | made.keys() if told.get(name) != made.get(name))
+    return sorted(name for name in listed.keys() | made.keys() if listed.get(name) != made.get(name))
 
 
 def zenodo(citation: str, description: str) -> dict[str, object]:
@@ -62,6 +62,8 @@ def zenodo(citation: str, description: str) -> dict[str, object]:
 
 def main() -> None:
     folder = Path(sys.argv[1] if len(sys.argv) > 1 else ROOT / "out" / "release").resolve()
+    if folder.exists() and not folder.is_dir() or any(folder.glob("*")) and not (folder / "SHA256SUMS").is_file():
+        sys.exit(f"FOLDER: must be new, empty, or of an earlier release, got {folder}; name another")
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
     wheel, sdist = sorted(build(ROOT, folder, "wheel", "sdist"), key=lambda path: path.suffix != ".whl")

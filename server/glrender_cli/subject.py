@@ -150,7 +150,7 @@ def read_state(path: Path) -> State:
 def default_state(scene: Scene, camera_name: str, phase_rad: float) -> State:
     """The scene's first body at the origin, 1 au from the Sun, filling most of a camera's frame.
 
-    Open ground is seen from above. Other bodies stand in a row next to it, out of the way.
+    Open ground is seen from above. Other bodies stand in a row above it in the frame, where none shades another.
     """
     camera = scene.camera(camera_name)
     body, *others = scene.bodies
@@ -158,13 +158,13 @@ def default_state(scene: Scene, camera_name: str, phase_rad: float) -> State:
     range_m = 2.0 * body.hull.radius_m * camera.focal_length_px / (_FILLED * smaller_px)
     front = _front(body.shape)
     up = np.array([0.0, 0.0, 1.0] if abs(front[2]) < _STEEP else [0.0, 1.0, 0.0])
-    aside, r_camera = np.cross(up, front), range_m * front
-    r_sun = AU_M * (np.sin(phase_rad) * aside / np.linalg.norm(aside) + np.cos(phase_rad) * front)
+    aside, r_camera = np.cross(up, front) / np.linalg.norm(np.cross(up, front)), range_m * front
+    r_sun = AU_M * (np.sin(phase_rad) * aside + np.cos(phase_rad) * front)
     poses = {body.name: Pose(r_inertial_m=-body.shape.centre_m)}
     offset = body.hull.radius_m
     for other in others:
         offset += 1.5 * other.hull.radius_m
-        poses[other.name] = Pose(r_inertial_m=np.array([offset, 0.0, 0.0]) - other.shape.centre_m)
+        poses[other.name] = Pose(r_inertial_m=offset * np.cross(front, aside) - other.shape.centre_m)
         offset += 1.5 * other.hull.radius_m
     q_camera = frames.look_at(r_camera, np.zeros(3), up)
     q_spacecraft = frames.quaternion(frames.dcm(camera.q_camera_from_spacecraft).T @ frames.dcm(q_camera))

@@ -12,6 +12,7 @@ from glrender.capture.static_exposure import drawn_pixels
 from glrender.emission.sources.tail import Tail
 from glrender.emission.sources.volume import Volume
 from glrender.scene.shape.files import MAX_FACETS
+from glrender.scene.shape.generate import MAX_SUBDIVISIONS
 from glrender.scene.shape.glb_files import pixels_of_images
 from glrender.scene.shape.grids import WHOLE_FACETS, checked_rings, n_facets_of
 from glrender.scene.shape.textures import MAX_TEXTURE_PX, texture_pixels
@@ -82,10 +83,10 @@ def _check_counts(table: Mapping[str, Any]) -> None:
 def _facets_asked(body: Mapping[str, Any]) -> float:
     """Facets that a body's table asks for, of which those of a file are unknown; 0 of one that is refused anyway."""
     made, ground = body.get("generated"), body.get("terrain")
-    if isinstance(made, Mapping) and isinstance(n := made.get("subdivisions"), int) and n > 0:
-        return 20 * 4 ** min(n, 20)
-    if isinstance(ground, Mapping):
-        with contextlib.suppress(ConfigError):
+    with contextlib.suppress(ConfigError):
+        if isinstance(made, Mapping):
+            return 20 * 4 ** integer("subdivisions", made.get("subdivisions", 0), 0, MAX_SUBDIVISIONS)
+        if isinstance(ground, Mapping):
             if "rings" in ground:
                 return n_facets_of(checked_rings(ground["rings"], MAX_FACETS))
             return integer("facets", ground.get("facets", WHOLE_FACETS), 0, MAX_FACETS)

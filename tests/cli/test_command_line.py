@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import re
 import socket
@@ -183,6 +184,25 @@ def test_open_ground_is_seen_from_above(turn):
         with Renderer(scene) as renderer:
             image = renderer.render(state)
         assert (image.irradiance_W_m2 > 0.0).mean() > 0.25 and not image.warnings
+
+
+@pytest.mark.parametrize("turn", [np.eye(3), [[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]])
+@pytest.mark.parametrize("phase_deg", [0.0, 60.0, 90.0])
+def test_bodies_of_a_row_shade_none(turn, phase_deg):
+    """Discs of bodies as the Sun and as the camera see them are apart."""
+    ground = np.array([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [0.0, 1.0, 0.0]]) @ np.transpose(turn)
+    ball, law = generate.icosphere(radius_m=3.0, subdivisions=1), Lambert(normal_albedo=0.1)
+    for first in (Shape.from_arrays(ground, [[0, 1, 2]]), ball):
+        bodies = [Body(name=name, shape=shape, brdf=law)
+                  for name, shape in zip("abc", (first, ball, ball), strict=True)]
+        scene = Scene(bodies=bodies, cameras=[PinholeCamera(name="c", width_px=32, height_px=32, focal_length_px=40.0)])
+        state = default_state(scene, "c", np.radians(phase_deg))
+        for seen_from_m in (state.r_sun_inertial_m, state.spacecraft.r_inertial_m):
+            to = seen_from_m / np.linalg.norm(seen_from_m)
+            for one, other in itertools.combinations(bodies, 2):
+                apart_m = state.bodies[one.name].r_inertial_m - state.bodies[other.name].r_inertial_m
+                apart_m = apart_m + one.shape.centre_m - other.shape.centre_m
+                assert np.linalg.norm(np.cross(to, apart_m)) > one.hull.radius_m + other.hull.radius_m
 
 
 def test_a_file_is_read_once(folder, monkeypatch):

@@ -34,6 +34,9 @@ def test_the_offset_of_digital_numbers_is_black():
     dn[10:30, 50:100] += 1000
     shown = read(png(dn))
     assert not shown[:10].any() and (shown[10:30, 50:100] == 255).all()
+    dn[0, 0] = 2500
+    shown = read(png(dn, white=2500))
+    assert shown[0, 0] == 255 and (shown[10:30, 50:100] == 127).all()
 
 
 @pytest.mark.parametrize("image", [np.zeros((3, 5)), np.full((3, 5), np.nan), np.full((1, 1), 7.0)])

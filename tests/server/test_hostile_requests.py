@@ -120,6 +120,7 @@ def body(number, **generated):
     ({"cameras": [camera(k, 8) for k in range(65)]}, "scene.cameras", "at most 64"),
     ({"bodies": [body(k) for k in range(1500)]}, "scene.bodies", "at most 64"),
     ({"bodies": [body(k, subdivisions=9) for k in range(3)]}, "scene.bodies", "10000000 facets together"),
+    ({"bodies": [body(k, subdivisions=9.0) for k in range(3)]}, "scene.bodies", "10000000 facets together"),
 ])
 def test_the_sums_of_a_scene_are_bounded_before_it_is_made(changes, path, rule):
     began = time.process_time()

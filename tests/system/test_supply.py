@@ -123,6 +123,14 @@ def test_a_release_finds_a_file_that_record_does_not_have():
     assert release.wrong_hashes(files | {"a/b.py": b"b"}) == ["a/b.py", "gone.py", "more.py"]
 
 
+def test_a_release_deletes_no_folder_of_another(tmp_path, monkeypatch):
+    (tmp_path / "thesis.tex").write_text("years of work")
+    monkeypatch.setattr(sys, "argv", ["release.py", str(tmp_path)])
+    with pytest.raises(SystemExit, match="FOLDER: must be new, empty, or of an earlier release"):
+        release.main()
+    assert (tmp_path / "thesis.tex").read_text() == "years of work"
+
+
 @pytest.mark.slow
 def test_a_release_is_built_and_checked_offline(tmp_path):
     run = subprocess.run([sys.executable, str(REPOSITORY / "tools" / "release.py"), str(tmp_path / "out")],

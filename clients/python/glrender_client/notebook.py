@@ -34,9 +34,9 @@ def png(image: np.ndarray, stretch: str = "linear", white: float | None = None) 
     """
     step = -(-max(image.shape) // LARGEST_PX)
     part = np.nan_to_num(np.asarray(image[::step, ::step], np.float64), nan=0.0)
-    if np.issubdtype(image.dtype, np.integer):
-        part -= part.min()
-    white = white or np.percentile(part, 99.9) or part.max() or 1.0
+    black = part.min() if np.issubdtype(image.dtype, np.integer) else 0.0
+    part -= black
+    white = white - black if white and white > black else np.percentile(part, 99.9) or part.max() or 1.0
     grey = (255.0 * STRETCHES[stretch](np.clip(part / white, 0.0, 1.0))).astype(np.uint8)
     height, width = grey.shape
     rows = np.hstack([np.zeros((height, 1), np.uint8), grey])  # each row begins with its filter, 0: none

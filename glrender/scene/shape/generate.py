@@ -8,7 +8,7 @@ from glrender_camera.validate import integer, within
 from .facet_geometry import area_vectors
 from .shape import Shape, centre_of_volume
 
-_MAX_SUBDIVISIONS = 9
+MAX_SUBDIVISIONS = 9
 # As far as a Shape goes, with room for relief.
 _RADII_M = (1e-3, 1e9)
 
@@ -144,7 +144,7 @@ def _icosphere(subdivisions: int) -> tuple[np.ndarray, np.ndarray]:
                        [11, 10, 2], [10, 7, 6], [7, 1, 8], [3, 9, 4], [3, 4, 2], [3, 2, 6], [3, 6, 8],
                        [3, 8, 9], [4, 9, 5], [2, 4, 11], [6, 2, 10], [8, 6, 7], [9, 8, 1]])
     vertices /= np.linalg.norm(vertices, axis=1, keepdims=True)
-    for _ in range(integer("subdivisions", subdivisions, 0, _MAX_SUBDIVISIONS)):
+    for _ in range(integer("subdivisions", subdivisions, 0, MAX_SUBDIVISIONS)):
         vertices, facets = _split(vertices, facets, 0.0, None)
         vertices /= np.linalg.norm(vertices, axis=1, keepdims=True)
     return vertices, facets

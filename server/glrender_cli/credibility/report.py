@@ -18,7 +18,8 @@ from .checks import Check
 _PACKAGES = ("glrender", "numpy", "scipy", "numba", "moderngl", "embreex", "opencv-contrib-python-headless", "pyzmq")
 KNOWN_FAULTS = (
     "At phase angles beyond 150 deg light falls in slivers narrower than a pixel; the plan warns of missed tolerances.",
-    "Parts narrower than 0.5 px with textures or smooth normals lose up to 37 % of their light without a sign.",
+    "Parts narrower than 0.5 px by rays or OpenGL may keep an error of 0.05; behind a lens, or with textures or smooth "
+    "normals of 10,000 facets or more, without a sign.",
     "The error by centroids is calibrated, not a bound: 0.058 was found where 0.019 was predicted.",
     "Facets that are larger than shadows between their corners miss light: 0.031 where 0.018 was predicted.",
     "Boulders that are shells of their own come out 0.1 to 0.9 % too bright by coverage.",
