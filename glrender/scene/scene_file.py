@@ -96,7 +96,8 @@ def body(table: Mapping[str, Any], path: str, files: Files) -> Body:
     if "generated" in table:
         shape = _generated(table["generated"], f"{path}.generated")
     elif "terrain" in table:
-        if "albedo_projection" in table and ("site_deg" in table["terrain"] or "orthophoto" in table["terrain"]):
+        ground = table["terrain"]
+        if "albedo_projection" in table and isinstance(ground, Mapping) and {"site_deg", "orthophoto"} & ground.keys():
             raise ConfigError(f"{path}.albedo_projection", "goes with ground about its planet's centre, without an "
                               "orthophoto", table["albedo_projection"], "say orthophoto in `terrain`: a GeoTIFF")
         with error_path(f"{path}.terrain"):

@@ -456,6 +456,8 @@ def test_a_scene_file_asks_for_terrain(files, tmp_path):
     del terrain["orthophoto"]
     with pytest.raises(ConfigError, match=r"albedo_projection: goes with ground about its planet's centre"):
         made(terrain=terrain, albedo_projection={"kind": "equirectangular"}, albedo_texture="plane.png")
+    with pytest.raises(ConfigError, match=r"terrain: must be a table"):
+        made(terrain=5, albedo_projection={"kind": "equirectangular"}, albedo_texture="plane.png")
     with pytest.raises(ConfigError, match="must be a bare file name"):
         Scene.from_dict({**TABLE, "bodies": [{"name": "a", "brdf": BRDF, "terrain": {"heights": "../plane.tif"}}]},
                         shape_dir=files, restricted=True)
