@@ -232,7 +232,7 @@ class Renderer:
         if not callable(weights):
             weights = checked_weights(weights, (request.camera.height_px, request.camera.width_px))
         with self._parts.by_bodies():
-            _, frame, drawn = self._drawn(state, request, (), Clock(), math.inf)
+            _, frame, drawn = self._drawn(self._parts.state(state, request.camera), request, (), Clock(), math.inf)
         return gradient_of(weights, drawn, frame, self._rays)
 
     def _drawn(self, state: State, request: Request, names: Sequence[str], clock: Clock, deadline: float

@@ -35,6 +35,8 @@ UNITS = {"gain": "1", "offset": "DN"}
 _POSE_UNITS = ("m", "m", "m", "rad", "rad", "rad")
 # Weights follow the gain, and outliers the weights: a fourth turn changes both by less than 1e-3.
 _TURNS = 3
+# Deviations of the read-out noise by which a full well may be seen below its level: noise comes after it.
+_UNDER_FULL = 4.0
 # Residuals count in full up to twice their robust deviation, the median over 0.6745 of a normal distribution (Huber).
 _HUBER, _PER_MEDIAN = 2.0, 1.4826
 # Share of the brightest pixel's light [1] from which a pixel is lit, and tells how far residuals scatter.
@@ -141,6 +143,8 @@ def compare_frame(renderer: Any, state: State, camera: str | None = None, *, fra
     if not derivatives:
         raise ConfigError("derivatives", "must name one parameter at least", derivatives, 'as ["spacecraft"]')
     blur_px = within("blur_px", blur_px, 0.0, MAX_BLUR_PX)
+    if not isinstance(is_robust, (bool, np.bool_)):
+        raise ConfigError("is_robust", "must be true or false", is_robust)
     box = (0, 0, pinhole.width_px, pinhole.height_px) if roi is None else checked_region(roi, pinhole)
     frame = checked_frame(frame_DN, (box[3] - box[1], box[2] - box[0]))
     margin_px, _ = margin_of(renderer, state, pinhole, is_moving=False)
@@ -242,7 +246,8 @@ class _Predicted:
     def are_full(self, gain: float, seen_DN: np.ndarray) -> np.ndarray:
         """Pixels (h, w) that are full in the predicted frame, or in one that is seen above the level."""
         detector = self._detector
-        largest = min(detector.max_DN, int(detector.offset_DN + self._gain_DN * detector.full_well_electrons))
+        full = detector.full_well_electrons - _UNDER_FULL * detector.read_noise_electrons
+        largest = min(detector.max_DN, int(detector.offset_DN + self._gain_DN * full))
         return (seen_DN + self.level_DN >= largest) | are_full(detector, gain * self._electrons, self.exposure_s)
 
 

@@ -132,6 +132,15 @@ def test_in_the_dark_nothing_is_known(renderer):
     assert not found.matrix[:7].any() and found.gain == 1.0 and found.warnings
 
 
+def test_wells_that_are_full_below_the_largest_number_do_not_count(renderer):
+    """Their noise, which is read after them, puts half below the level: the gain is that of the other pixels."""
+    frame = take_frame(renderer, STATE, seed=5, exposure_s=0.2, derivatives=["sun"]).frame.dn
+    assert (frame > 4050).sum() > 300 and frame.max() < 4095
+    found = compare_frame(renderer, STATE, frame_DN=frame, exposure_s=0.2)
+    assert found.n_pixels <= 1600 - (frame > 4050).sum()
+    assert abs(found.gain - 1.0) < 0.01 and found.chi2 / found.n_pixels < 2.0, (found.gain, found.chi2)
+
+
 @pytest.mark.parametrize("blur_px", [0.0, 3.0])
 def test_a_frame_without_the_bodys_light_or_with_none_that_counts(renderer, blur_px):
     """Even numbers: a level explains all but the predicted light; full ones do not count."""
@@ -150,7 +159,7 @@ def test_a_frame_without_the_bodys_light_or_with_none_that_counts(renderer, blur
     ({"unknown": ["gain", "gain"]}, "unknown[1]", "once"),
     ({"derivatives": []}, "derivatives", "one parameter"),
     ({"frame_DN": np.full((40, 40), -1e300)}, "compare", "within 1e[+]09 DN.*1600 pixels"),
-    ({"blur_px": -1.0}, "blur_px", "between 0 and 64"),
+    ({"blur_px": -1.0}, "blur_px", "between 0 and 64"), ({"is_robust": "no"}, "is_robust", "true or false"),
     ({"roi": (0, 0, 50, 40)}, "roi[2]", "40"),
     ({"exposure_s": "auto", "unknown": ()}, "exposure_s", "gain"),
     ({"engine": "rays"}, "engine", "coverage")])

@@ -173,6 +173,11 @@ def test_an_image_scales_its_materials_albedo(tmp_path, way):
     np.testing.assert_allclose(got, [0.8 * dark, 0.8, 0.5], rtol=0.005)
 
 
+def test_gradients_are_refused_by_the_bodys_name(renderer):
+    with pytest.raises(ConfigError, match="several materials.*'sat'"):
+        renderer.gradient(looking((8.0, -14.0, 12.0)), np.ones((72, 72)))
+
+
 def test_cycles_refuses_a_panel_of_two_materials(renderer, body):
     """It drew 2.6 times the light, or 0.6: one of two sheets in the same place, whichever side was seen."""
     assert has_two_faces(body) and not has_two_faces(Body(name="sat", shape=body.shape, brdf=GREY))

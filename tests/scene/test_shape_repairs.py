@@ -310,6 +310,7 @@ def test_vertices_move_without_repair():
 
 @pytest.mark.parametrize("change, words", [
     (lambda r_m: r_m[:-1], "must have the shape"), (lambda r_m: "all", "must be numbers of shape"),
+    (lambda r_m: 1j * r_m, "must be numbers of shape"),
     (lambda r_m: np.where(np.arange(len(r_m))[:, None] == 2, np.nan, r_m), r"vertices\[2\]: must be finite"),
     (lambda r_m: 1e12 * r_m, "must be within"), (lambda r_m: -r_m, "must leave closed shells facing as they do"),
     (lambda r_m: r_m * [1.0, 1.0, 0.0], "must have an area|must leave closed shells")])
@@ -317,3 +318,17 @@ def test_vertices_that_make_no_shape_are_refused(change, words):
     shape = generate.icosphere(radius_m=100.0, subdivisions=1)
     with pytest.raises(ShapeError, match=words):
         shape.with_vertices(change(shape.vertices_m))
+
+
+def test_one_shell_of_several_is_not_turned_inside_out_and_sheets_bend_both_ways():
+    ball = generate.icosphere(radius_m=100.0, subdivisions=1)
+    count = len(ball.vertices_m)
+    two = Shape.from_arrays(np.concatenate([2.0 * ball.vertices_m, 0.5 * ball.vertices_m + [500.0, 0.0, 0.0]]),
+                            np.concatenate([ball.facets, ball.facets + count]))
+    mirrored = two.vertices_m.copy()
+    mirrored[count:] = [1000.0, 0.0, 0.0] - mirrored[count:]
+    with pytest.raises(ShapeError, match="must leave closed shells facing as they do"):
+        two.with_vertices(mirrored)
+    corners = np.array([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.2], [-1.0, 1.0, 0.0]])
+    sheet = Shape.from_arrays(corners, np.array([[0, 1, 2], [0, 2, 3]]), sides="both")
+    assert sheet.with_vertices(sheet.vertices_m * [1.0, 1.0, -1.0]).report.n_two_sided == sheet.report.n_two_sided

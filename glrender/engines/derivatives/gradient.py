@@ -85,7 +85,9 @@ def checked_weights(weights: Any, shape: tuple[int, int]) -> np.ndarray:
         Of another shape, or not finite.
     """
     try:
-        weights = np.asarray(weights, np.float64)
+        if (weights := np.asarray(weights)).dtype.kind not in "biuf":
+            raise TypeError
+        weights = weights.astype(np.float64)
     except (TypeError, ValueError):
         raise ConfigError("weights", f"must be numbers of shape {shape}", weights) from None
     if weights.shape != shape:

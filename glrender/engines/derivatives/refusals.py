@@ -7,14 +7,13 @@ from functools import lru_cache
 
 import numpy as np
 from glrender_camera import PinholeCamera
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from ...base.errors import ConfigError
 from ...planner.request import Request
 from ...planner.seen import Seen
 from ...scene.scene import Body, Scene
 from ...scene.shape.shape import Shape
+from ...scene.shape.shells import pieces
 from ...view.regions import touching
 
 
@@ -84,8 +83,7 @@ def _overlap(shape: Shape) -> bool:
     """Whether boxes around a shape's shells overlap."""
     if shape.report.n_shells < 2:
         return False
-    count, a, b = len(shape.vertices_m), shape.facets[:, [0, 1]].ravel(), shape.facets[:, [1, 2]].ravel()
-    n_shells, shell = connected_components(coo_array((np.ones(len(a)), (a, b)), shape=(count, count)), directed=False)
+    n_shells, shell = pieces(shape.facets, len(shape.vertices_m))
     low, high = np.full((2, n_shells, 3), np.inf)
     np.minimum.at(low, shell, shape.vertices_m)
     np.minimum.at(high, shell, -shape.vertices_m)

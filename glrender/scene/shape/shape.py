@@ -17,7 +17,7 @@ from .edges import Edges
 from .facet_geometry import FacetSizes, area_vectors, longest_sides, renumbered
 from .files import MAX_FACETS, own_unit, read_shape_file
 from .materials import FileMaterial
-from .shells import WELD_RTOL, are_all_different, in_pairs, of_one_diagonal, seams, turned, wound
+from .shells import WELD_RTOL, are_all_different, closed_volumes, in_pairs, of_one_diagonal, seams, turned, wound
 
 _log = logging.getLogger(__name__)
 
@@ -315,7 +315,9 @@ class Shape:
             shells turned inside out.
         """
         try:
-            vertices = np.array(vertices_m, np.float64)
+            if (vertices := np.asarray(vertices_m)).dtype.kind not in "iuf":
+                raise TypeError
+            vertices = vertices.astype(np.float64)
         except (TypeError, ValueError):
             raise ShapeError("vertices_m", f"must be numbers of shape {self.vertices_m.shape}", vertices_m) from None
         if vertices.shape != self.vertices_m.shape:
@@ -325,10 +327,11 @@ class Shape:
         flat = np.flatnonzero(_are_flat(vertices, self.facets))
         if len(flat):
             raise ShapeError(f"facets[{flat[0]}]", "must have an area", vertices[self.facets[flat[0]]].tolist())
+        before, after = closed_volumes(self.facets, self.vertices_m, vertices)
+        if len(over := np.flatnonzero(before * after < 0.0)):
+            raise ShapeError("vertices_m", "must leave closed shells facing as they do, of the volume's sign",
+                             float(after[over[0]]), "do not mirror them, nor push one side through the other")
         volume, extent_m = _volume(vertices, self.facets), np.ptp(vertices, axis=0).tolist()
-        if self.report.is_watertight and volume * self.report.volume_m3 < 0.0:
-            raise ShapeError("vertices_m", "must leave closed shells facing as they do", volume,
-                             "do not mirror them, nor push one side through the other")
         vertices.setflags(write=False)
         report = replace(self.report, volume_m3=volume, extent_m=tuple(extent_m))
         return replace(self, vertices_m=vertices, report=report)
@@ -545,3 +548,4 @@ def centre_of_volume(vertices: np.ndarray, facets: np.ndarray) -> np.ndarray:
 def _volume(vertices: np.ndarray, facets: np.ndarray) -> float:
     first = vertices.take(facets[:, 0], axis=0) - vertices.mean(axis=0)
     return float(np.einsum("ij,ij->", first, area_vectors(vertices, facets))) / 6.0
+

@@ -219,10 +219,29 @@ def _are_twins(facets: np.ndarray) -> np.ndarray:
     return is_twin
 
 
+def pieces(facets: np.ndarray, count: int) -> tuple[int, np.ndarray]:
+    """Pieces that facets (F, 3) make by shared vertices: how many, and the number (count,) of each vertex's."""
+    return connected(facets[:, :2].ravel(), facets[:, 1:].ravel(), count)
+
+
 def _n_pieces(facets: np.ndarray) -> int:
-    """Number of pieces that facets make by shared vertices."""
     used, facets = renumbered(facets, facets.max(initial=0) + 1)
-    return connected(facets[:, :2].ravel(), facets[:, 1:].ravel(), len(used))[0]
+    return pieces(facets, len(used))[0]
+
+
+def closed_volumes(facets: np.ndarray, *vertices: np.ndarray) -> list[np.ndarray]:
+    """Volumes (S,) [m3] of pieces between vertices (V, 3) [m], above 0 where they face outward; 0 of open ones."""
+    edges, (n_pieces, piece) = Edges(facets), pieces(facets, len(vertices[0]))
+    is_closed = np.ones(n_pieces, bool)
+    is_closed[piece[edges.start[edges.sides(edges.size == 1)[0]]]] = False
+    _, one = np.unique(piece, return_index=True)
+    of_facet, found = piece.take(facets[:, 0]), []
+    for each in vertices:
+        # About a vertex of its own: far from the origin volumes are small differences.
+        first = each.take(facets[:, 0], axis=0) - each.take(one.take(of_facet), axis=0)
+        share = np.einsum("ij,ij->i", first, area_vectors(each, facets))
+        found.append(is_closed * np.bincount(of_facet, share, n_pieces) / 6.0)
+    return found
 
 
 def _made_one(facets: np.ndarray, edges: Edges) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -106,7 +106,8 @@ def test_shadows_and_what_is_hidden_follow_the_pillar_that_casts_them(name):
 
 @pytest.mark.parametrize("weights, words", [
     (np.zeros((3, 3)), "weights: must be of the image's"), (np.full((24, 24), np.nan), r"weights\[0, 0\]: must be"),
-    ("all", "weights: must be numbers"), (lambda irradiance: irradiance[:2], "weights: must be of the image's")])
+    ("all", "weights: must be numbers"), (1j * np.ones((24, 24)), "weights: must be numbers"),
+    (lambda irradiance: irradiance[:2], "weights: must be of the image's")])
 def test_weights_of_another_shape_are_refused(weights, words):
     with Renderer(SCENE) as renderer:
         with pytest.raises(ConfigError, match=words):
