@@ -245,14 +245,17 @@ class Operations:
         """The same of a frame that is compared, without an array."""
         options = {"max_error": asked.max_error, "samples": asked.samples, "roi": asked.roi,
                    "exposure_s": asked.exposure_s, **compared.options, **drawing}
+        began, late = time.perf_counter(), {}
         if asked.deadline_s is not None:
             options["deadline_s"] = asked.deadline_s
         found = self._drawn(backend, compare_frame, state, asked.camera.name, **options)
+        if asked.deadline_s is not None:
+            late = {"is_late": time.perf_counter() - began > asked.deadline_s}
         own = tuple(advice for advice in found.warnings if advice not in self._of_scene)
         return {"camera": asked.camera.name, "output": "dn", "unit": _UNITS["dn"], "comparison": found.to_dict(),
                 "exposure_s": found.exposure_s, "predicted": found.plan.to_dict()["predicted"],
                 "jacobian_error": dict(found.plan.jacobian_error), "timings_ms": dict(found.timings_ms),
-                "warnings": [*map(asdict, (*own, *self._of_scene))], "notes": []}, {}, own
+                "warnings": [*map(asdict, (*own, *self._of_scene))], "notes": [], **late}, {}, own
 
     def _range(self, header: Mapping[str, Any], memory: pixels.Memory | None) -> Answer:
         known_keys("", header, (*ENVELOPE, "scene", *_RANGE_KEYS), required=("state", "directions_camera"))

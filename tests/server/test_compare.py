@@ -62,6 +62,12 @@ def test_some_hundred_bytes_come_back_as_the_renderers_own_answer_has_them(serve
     assert set(reply.header["jacobian_error"]) == {"spacecraft", "law.normal_albedo"}
 
 
+def test_a_comparison_says_whether_its_frame_was_late(served, frame):
+    fields = render_fields(STATE.to_dict(), **ASK, compare=frame)
+    late, timely = (read(answer(served, fields, deadline_s=deadline_s)).header for deadline_s in (1e-6, 1e6))
+    assert late["is_late"] is True and timely["is_late"] is False
+
+
 def test_equal_requests_have_equal_bytes_but_for_the_time(served, frame):
     fields = render_fields(STATE.to_dict(), **ASK, compare=frame)
     told = [read_header(answer(served, fields)[0]) for _ in range(2)]
