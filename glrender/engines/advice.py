@@ -19,6 +19,8 @@ from ..view.view import BodyView, view_bodies
 
 LEAST_BODY_PX = 1e-3
 """Size of a body [px] below which its unit or range is doubted: missions have seen their targets from 5e-3 px on."""
+LEAST_CONE_PX = 4.0
+"""Width [px] of a lamp's cone from which the flux of a spot on a plane is within 1 % at 2 % RMS: -100 % at 0.3."""
 NIGHT_PHASE_DEG = 175.0
 """Phase angle from which on a body shows its night side: a Lambert sphere has 7e-5 of its light at zero phase."""
 # Rays along each side of the image that look for a body around the camera.
@@ -57,6 +59,7 @@ def image_advice(scene: Scene, state: State, camera: PinholeCamera, plan: Render
     """
     found = [Advice("plan", "plan.warnings", _printable(text)) for text in plan.warnings]
     found += scene.doubts.get(camera.name, ())
+    found += _narrow_cones(scene, camera)
     found += state_doubts(state, scene.hulls) + _distance_advice(scene, state) + _size_advice(state, plan)
     in_view = [body.name for body in plan.bodies if body.is_visible]
     x0, y0, x1, y1 = roi
@@ -106,6 +109,14 @@ def _size_advice(state: State, plan: RenderPlan) -> list[Advice]:
                 f"{_printable(body.name)} is {body.size_px:.2g} px across at a range of {range_m:.3g} m; check its "
                 "length_unit (km or m), and that positions are in metres")))
     return found
+
+
+def _narrow_cones(scene: Scene, camera: PinholeCamera) -> list[Advice]:
+    across_px = [2.0 * camera.focal_length_px * math.tan(math.radians(lamp.half_angle_deg)) for lamp in scene.lamps]
+    return [Advice("lamp_cone", f"lamps.{_printable(lamp.name)}.half_angle_deg", (
+        f"the cone of {_printable(lamp.name)} is {each:.2g} px wide on what is as far from it as from the camera, and "
+        f"samples miss some of its light below {LEAST_CONE_PX:g} px; widen half_angle_deg, or take a longer focal "
+        "length")) for lamp, each in zip(scene.lamps, across_px, strict=True) if 0.0 < each < LEAST_CONE_PX]
 
 
 def _behind_ground(scene: Scene, state: State, camera: PinholeCamera, is_doubted: Mapping[str, bool]) -> list[Advice]:

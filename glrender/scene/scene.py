@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -174,21 +174,21 @@ class Scene:
         """
         known_keys(path, table, SCENE_KEYS, required=("bodies", "cameras"))
         files = scene_tables.Files(Path(shape_dir) if shape_dir is not None else None, restricted)
-        bodies = [scene_tables.body(entry, f"{path}.bodies[{i}]", files)
-                  for i, entry in enumerate(scene_tables.tables(f"{path}.bodies", table["bodies"]))]
-        cameras = [scene_tables.camera(entry, f"{path}.cameras[{i}]")
-                   for i, entry in enumerate(scene_tables.tables(f"{path}.cameras", table["cameras"]))]
-        stars = scene_tables.stars(table["stars"], f"{path}.stars") if "stars" in table else None
+
+        def each(key: str, read: Callable[..., Any], *more: Any) -> list[Any]:
+            return [read(entry, f"{path}.{key}[{i}]", *more)
+                    for i, entry in enumerate(scene_tables.tables(f"{path}.{key}", table[key]))]
+
+        bodies, cameras = each("bodies", scene_tables.body, files), each("cameras", scene_tables.camera)
         rest = {key: table[key] for key in ("solar_irradiance_1au_W_m2", "max_error", "sun_disc") if key in table}
+        if "stars" in table:
+            rest["stars"] = scene_tables.stars(table["stars"], f"{path}.stars")
         if "emission" in table:
-            named = {body.name: body for body in bodies}
-            rest["emission"] = [scene_tables.emission(entry, f"{path}.emission[{i}]", files, named)
-                                for i, entry in enumerate(scene_tables.tables(f"{path}.emission", table["emission"]))]
+            rest["emission"] = each("emission", scene_tables.emission, files, {body.name: body for body in bodies})
         if "lamps" in table:
-            rest["lamps"] = [scene_tables.lamp(entry, f"{path}.lamps[{i}]")
-                             for i, entry in enumerate(scene_tables.tables(f"{path}.lamps", table["lamps"]))]
+            rest["lamps"] = each("lamps", scene_tables.lamp)
         with error_path(path):
-            return cls(bodies=bodies, cameras=cameras, stars=stars, **rest)
+            return cls(bodies=bodies, cameras=cameras, **rest)
 
 
 def load_scene(path: str | Path) -> Scene:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -25,11 +25,11 @@ from .shape.shape import SIDES, Shape, file_scale
 from .shape.textures import read_texture
 from .stars import Stars
 
-_BODY_KEYS = ("name", "shape", "generated", "terrain", "length_unit", "surface", "brdf", "albedo_texture",
-              "albedo_texture_gain", "smooth_normals", "detail", "sides", "albedo_projection", "inside", "materials")
-# What a body's shape is made of.
-_SHAPE_KEYS = ("shape", "generated", "terrain")
-_OF_FILES = ("length_unit", "sides", "surface", "inside")
+# Sources of a body's shape, and the fields of files.
+_SHAPES, _OF_FILES = ("shape", "generated", "terrain"), ("length_unit", "sides", "surface", "inside")
+SHAPE_KEYS = _SHAPES + _OF_FILES
+_BODY_KEYS = ("name", *SHAPE_KEYS, "brdf", "albedo_texture", "albedo_texture_gain", "smooth_normals", "detail",
+              "albedo_projection", "materials")
 _CAMERA_KEYS = ("name", "width_px", "height_px", "focal_length_px", "principal_point_px",
                 "q_camera_from_spacecraft", "r_camera_spacecraft_m", "model", "distortion")
 # Longest name of a file on all file systems in use.
@@ -88,31 +88,14 @@ def tables(path: str, value: object) -> Sequence[Mapping[str, Any]]:
 def body(table: Mapping[str, Any], path: str, files: Files) -> Body:
     """A body of its table in a scene file."""
     known_keys(path, table, _BODY_KEYS, required=("name",))
-    if sum(key in table for key in _SHAPE_KEYS) != 1:
-        raise ConfigError(path, "needs exactly one of `shape` (a file), `generated` and `terrain` (tables)")
-    if "shape" not in table and (of_files := next((key for key in _OF_FILES if key in table), None)):
-        raise ConfigError(f"{path}.{of_files}", "goes with `shape`, a file", table[of_files], "leave it out")
-    albedo_map, gain = None, positive(f"{path}.albedo_texture_gain", table.get("albedo_texture_gain", 1.0))
-    if "generated" in table:
-        shape = _generated(table["generated"], f"{path}.generated")
-    elif "terrain" in table:
-        ground = table["terrain"]
-        if "albedo_projection" in table and isinstance(ground, Mapping) and {"site_deg", "orthophoto"} & ground.keys():
-            raise ConfigError(f"{path}.albedo_projection", "goes with ground about its planet's centre, without an "
-                              "orthophoto", table["albedo_projection"], "say orthophoto in `terrain`: a GeoTIFF")
-        with error_path(f"{path}.terrain"):
-            shape = shape_readers()["tif"].from_table(table["terrain"], files.path)
-        if shape.albedo_map is not None:
-            albedo_map = shape.albedo_map * np.float32(gain)
-    else:
-        with error_path(f"{path}.shape"):
-            file = files.path("", table["shape"])
-        with error_path(path):
-            scale = file_scale(file, table.get("length_unit"))
-            sides = one_of("sides", table.get("sides", "file"), SIDES)
-        with error_path(f"{path}.shape"):
-            shape = Shape.from_file(file, length_unit=scale, sides=sides, surface=table.get("surface"),
-                                    inside=table.get("inside", False))
+    gain = positive(f"{path}.albedo_texture_gain", table.get("albedo_texture_gain", 1.0))
+    with error_path(path):
+        shape = shape_of(table, files)
+    if "terrain" in table and "albedo_projection" in table and {"site_deg", "orthophoto"} & set(table["terrain"]):
+        raise ConfigError(f"{path}.albedo_projection", "goes with ground about its planet's centre, without an "
+                          "orthophoto", table["albedo_projection"], "say orthophoto in `terrain`: a GeoTIFF")
+    if (albedo_map := getattr(shape, "albedo_map", None)) is not None:
+        albedo_map = albedo_map * np.float32(gain)
     if "albedo_texture" in table:
         if albedo_map is not None:
             raise ConfigError(f"{path}.albedo_texture", "goes with ground without an orthophoto",
@@ -135,13 +118,28 @@ def body(table: Mapping[str, Any], path: str, files: Files) -> Body:
                     materials=materials)
 
 
-def _generated(table: object, path: str) -> Shape:
-    if not isinstance(table, Mapping) or "kind" not in table:
-        raise ConfigError(f"{path}.kind", "missing", hint=f"one of {', '.join(_GENERATORS)}")
-    kind = one_of(f"{path}.kind", table["kind"], _GENERATORS)
-    arguments = {key: value for key, value in table.items() if key != "kind"}
-    with error_path(path):
-        return _call(getattr(generate, kind), arguments)
+def shape_of(table: Mapping[str, Any], files: Files) -> Shape:
+    """The shape that `SHAPE_KEYS` of a body's table make; the paths of errors begin in the table."""
+    if "shape" not in table and (of_files := next((key for key in _OF_FILES if key in table), None)):
+        raise ConfigError(of_files, "goes with `shape`, a file", table[of_files],
+                          "leave it out, or name a shape's file")
+    if sum(key in table for key in _SHAPES) != 1:
+        raise ConfigError("", "needs exactly one of `shape` (a file), `generated` and `terrain` (tables)")
+    if "generated" in table:
+        with error_path("generated"):
+            arguments = dict(table["generated"]) if isinstance(table["generated"], Mapping) else {}
+            if "kind" not in arguments:
+                raise ConfigError("kind", "missing", hint=f"one of {', '.join(_GENERATORS)}")
+            return _call(getattr(generate, one_of("kind", arguments.pop("kind"), _GENERATORS)), arguments)
+    if "terrain" in table:
+        with error_path("terrain"):
+            return shape_readers()["tif"].from_table(table["terrain"], files.path)
+    with error_path("shape"):
+        file = files.path("", table["shape"])
+    scale, sides = file_scale(file, table.get("length_unit")), one_of("sides", table.get("sides", "file"), SIDES)
+    with error_path("shape"):
+        return Shape.from_file(file, length_unit=scale, sides=sides, surface=table.get("surface"),
+                               inside=table.get("inside", False))
 
 
 def read_law(table: object, path: str) -> Law:
@@ -194,19 +192,17 @@ def camera(table: Mapping[str, Any], path: str) -> PinholeCamera:
 
 def lamp(table: Mapping[str, Any], path: str) -> Lamp:
     """A lamp of its table in a scene file."""
-    known_keys(path, table, [f.name for f in fields(Lamp)], required=("name", "intensity_W_sr"))
     with error_path(path):
-        return Lamp(**table)
+        return _call(Lamp, table)
 
 
 def stars(table: Mapping[str, Any], path: str) -> Stars:
     """The sky of its table in a scene file."""
-    known_keys(path, table, [f.name for f in fields(Stars)], required=("magnitude_limit", "year"))
     with error_path(path):
-        return Stars(**table)
+        return _call(Stars, table)
 
 
-def _call(function, arguments: dict[str, Any]):
+def _call(function, arguments: Mapping[str, Any]):
     """Call with keyword arguments out of a file; a wrong name is the file's fault, and the error has it."""
     import inspect
 

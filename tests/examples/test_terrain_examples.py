@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import subprocess
 import sys
 from pathlib import Path
 
@@ -10,6 +11,39 @@ import pytest
 from missing import needed_module
 
 FOLDER = Path(__file__).parents[2] / "examples" / "terrain"
+BENCHMARK = Path(__file__).parents[2] / "benchmarks" / "descent.py"
+
+
+@pytest.fixture
+def descent(monkeypatch):
+    monkeypatch.syspath_prepend(BENCHMARK.parent)
+    import descent
+
+    return descent
+
+
+def test_a_descent_beyond_a_limit_is_wrong(descent):
+    """Each limit of errors, times and memory, by rows just beyond it; and none by rows within all."""
+    opening = {"facets": 8_000_000, "opening_s": 59.0, "memory_GiB": 5.0}
+    row = {"rms": 0.03, "predicted": 0.03, "own": 0.001, "second_s": 0.4, "memory_GiB": 5.4}
+    rows = [{"height_m": height_m, **row} for height_m in descent.HEIGHTS_M]
+    assert len(rows) == 9 and descent.wrongs(opening, rows, 0.006) == []
+    for k, change, text in ((4, {"rms": 0.0302}, "at 300 m: RMS 0.0302"), (0, {"second_s": 2.1}, "the median"),
+                            (8, {"second_s": 0.49}, "at 2 m: 0.49 s, a ball"), (8, {"memory_GiB": 5.6}, "0.6 GiB more"),
+                            (5, {"second_s": float("nan")}, "at 100 m: nan s, the median")):
+        found = descent.wrongs(opening, [each | (change if i == k else {}) for i, each in enumerate(rows)], 0.006)
+        assert any(text in each for each in found), (text, found)
+    assert "2.1 s, and" in descent.wrongs(opening, [rows[8] | {"second_s": 2.1}], 1.0)[0]
+    for change in ({"opening_s": 61.0}, {"memory_GiB": 6.1}):
+        (found,) = descent.wrongs(opening | change, [row | {"height_m": 2.0}], 1.0)
+        assert found.startswith("opening: "), change
+
+
+@pytest.mark.slow
+def test_a_descent_keeps_its_limits():
+    """From 30 km to 2 m, 500k facets, 512 px: the benchmark finds nothing wrong, by its own rays."""
+    done = subprocess.run([sys.executable, str(BENCHMARK)], capture_output=True, text=True, timeout=900, check=False)
+    assert done.returncode == 0, done.stdout[-800:] + done.stderr[-800:]
 
 
 @pytest.fixture

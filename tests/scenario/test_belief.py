@@ -222,3 +222,43 @@ def test_the_pages_belief_is_one(table):
     (printed,) = re.findall(r"## Belief.*?```toml\n(.*?)```", PAGE.read_text(), re.S)
     belief = scenario_of_table({**table, **tomllib.loads(printed)}).belief
     assert belief.bodies["itokawa"].facets == 0.1 and belief.cameras["navcam"].focal_length_factor == 1.002
+
+
+def test_a_room_of_fewer_facets_is_one_of_the_same_size():
+    """A ball's volume, negative as its facets face inward; a believed file of a room is one where it says so."""
+    needed_module("fast_simplification", "pip install \"glrender[belief]\"")
+    ball = generate.icosphere(radius_m=5.0, subdivisions=4)
+    fewer = decimated(Shape.from_arrays(ball.vertices_m, ball.facets[:, ::-1], inside=True), 0.25)
+    assert fewer.inside and len(fewer.facets) <= 0.25 * len(ball.facets)
+    np.testing.assert_allclose(fewer.report.volume_m3, -4.0 / 3.0 * np.pi * 125.0, rtol=0.01)
+    np.testing.assert_allclose(np.linalg.norm(fewer.vertices_m, axis=1), 5.0, rtol=0.03)
+
+
+def test_a_believed_room_and_believed_ground_have_a_scene_files_fields(tmp_path):
+    """The file of a room with `inside`; terrain of fewer posts about the same site, whose heights are a plane's."""
+    rasterio = needed_module("rasterio", "pip install \"glrender[terrain]\"")
+    ball, moon_m = generate.icosphere(radius_m=5.0, subdivisions=2), 1_737_400.0
+    Shape.from_arrays(ball.vertices_m, ball.facets[:, ::-1], inside=True).to_file(tmp_path / "room.obj")
+    with rasterio.open(tmp_path / "map.tif", "w", driver="GTiff", width=80, height=80, count=1, dtype="float32",
+                       crs=rasterio.CRS.from_string(f"+proj=eqc +R={moon_m} +units=m"),
+                       transform=rasterio.transform.from_origin(-400.0, 400.0, 10.0, 10.0)) as made:
+        made.write(np.tile(np.arange(80, dtype=np.float32), (80, 1)), 1)
+    brdf = "brdf = {law = 'lambert', normal_albedo = 0.1}"
+    ground = "terrain = {heights = 'map.tif', site_deg = [0.0, 0.0], rings = [[200.0, POSTS]]}"
+    (tmp_path / "scene.toml").write_text(
+        f"cameras = [{{name = 'c', width_px = 8, height_px = 8, focal_length_px = 20.0}}]\n"
+        f"[[bodies]]\nname = 'room'\nshape = 'room.obj'\nlength_unit = 'm'\ninside = true\n{brdf}\n"
+        f"[[bodies]]\nname = 'ground'\n{ground.replace('POSTS', '10.0')}\n{brdf}\n")
+    belief = (f"scene = 'scene.toml'\n[belief.bodies.room]\nshape = 'room.obj'\nlength_unit = 'm'\ninside = true\n"
+              f"[belief.bodies.ground]\n{ground.replace('POSTS', '50.0')}\n")
+    (tmp_path / "belief.toml").write_text(belief)
+    room, terrain = (body.shape for body in load_believed_scene(tmp_path / "belief.toml").bodies)
+    assert room.inside and len(terrain.facets) == 2 * 8 * 8
+    x, y, z = terrain.vertices_m.T
+    # A metre for ten, above a sphere.
+    np.testing.assert_allclose(z, 0.1 * x - (x * x + y * y) / (2.0 * moon_m), atol=0.01)
+    for wrong, rule in (("orthophoto = 'map.tif'", "terrain.orthophoto: is a texture, and believed shapes have none"),
+                        ("ring = 3", "terrain.ring: unknown key")):
+        (tmp_path / "wrong.toml").write_text(belief.replace("heights = 'map.tif'", f"heights = 'map.tif', {wrong}"))
+        with pytest.raises(ConfigError, match=rf"belief.bodies.ground.{rule}"):
+            load_believed_scene(tmp_path / "wrong.toml")

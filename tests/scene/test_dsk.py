@@ -94,6 +94,26 @@ def test_files_that_are_no_dsk_are_refused(tmp_path, rough, make, rule):
     assert len(Shape.from_file(tmp_path / "one.bds").facets) == len(rough.facets), "SPICE goes on after an error"
 
 
+def test_a_segment_of_another_type_is_refused(tmp_path, rough):
+    """Its descriptor has surface, body, class and type in a row: no program writes a type but 2."""
+    whole = write(tmp_path / "one.bds", (7, rough)).read_bytes()
+    found = np.array([7.0, 2101955.0, 1.0, 2.0]).tobytes()
+    assert whole.count(found) == 1
+    (tmp_path / "four.bds").write_bytes(whole.replace(found, np.array([7.0, 2101955.0, 1.0, 4.0]).tobytes()))
+    with pytest.raises(ShapeError, match=r"four.bds.*has a segment of type 4, and only type 2.*mkdsk makes plates"):
+        Shape.from_file(tmp_path / "four.bds")
+
+
+def test_a_kernel_of_places_by_that_name_is_refused(tmp_path):
+    """A whole SPK, as SPICE writes it."""
+    handle = spice().spkopn(str(tmp_path / "spk.bsp"), "spk", 0)
+    spice().spkw08(handle, 10, 0, "J2000", 0.0, 100.0, "s", 1, 2, np.ones((2, 6)), 0.0, 100.0)
+    spice().spkcls(handle)
+    (tmp_path / "spk.bsp").rename(tmp_path / "spk.bds")
+    with pytest.raises(ShapeError, match="spk.bds: is no DSK: it must begin with 'DAS/DSK', got 'DAF/SPK '"):
+        Shape.from_file(tmp_path / "spk.bds")
+
+
 def test_other_rules_have_a_way_out(tmp_path, rough):
     path = write(tmp_path / "one.bds", (7, rough))
     with pytest.raises(ShapeError, match="more than 10 facets.*raise max_facets"):

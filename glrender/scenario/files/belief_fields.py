@@ -6,12 +6,11 @@ from pathlib import Path
 from typing import Any
 
 from glrender_camera import BrownConrady
-from glrender_camera.validate import known_keys, text
+from glrender_camera.validate import known_keys
 
 from ...base.errors import ConfigError, error_path
 from ...scene.scene import Scene
-from ...scene.scene_file import read_law
-from ...scene.shape.shape import Shape, file_scale
+from ...scene.scene_file import SHAPE_KEYS, Files, read_law, shape_of
 from ..belief.belief import Belief, BodyBelief, CameraBelief, SpacecraftBelief
 from .fields import a_table, made
 
@@ -38,16 +37,10 @@ def read_belief(table: object, scene: Scene, folder: Path) -> Belief:
 
 def _body(entry: object, folder: Path) -> BodyBelief:
     fields = a_table(entry)
-    of_file = {key: fields.pop(key) for key in ("length_unit", "surface") if key in fields}
-    if "shape" not in fields and of_file:
-        key, value = next(iter(of_file.items()))
-        raise ConfigError(key, "goes with `shape`, a file", value, "leave it out, or name a shape's file")
-    if "shape" in fields:
-        with error_path("shape"):
-            file = folder / text("", fields["shape"])
-        scale = file_scale(file, of_file.get("length_unit"))
-        with error_path("shape"):
-            fields["shape"] = Shape.from_file(file, length_unit=scale, surface=of_file.get("surface"))
+    if of_shape := {key: fields.pop(key) for key in SHAPE_KEYS if key in fields}:
+        fields["shape"] = shape_of(of_shape, Files(folder, restricted=False))
+        if getattr(fields["shape"], "albedo_map", None) is not None:
+            raise ConfigError("terrain.orthophoto", "is a texture, and believed shapes have none", None, "leave it out")
     if "brdf" in fields:
         fields["brdf"] = read_law(fields["brdf"], "brdf")
     return made(BodyBelief, fields)
