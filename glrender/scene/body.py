@@ -123,7 +123,8 @@ class Body:
                                   "leave one out")
             object.__setattr__(self, "shape", self.shape.of_one_material())
             return
-        known, given = {each.name: each for each in self.shape.materials}, self.materials or {}
+        known = {each.name: each for each in self.shape.materials}
+        given = {} if self.materials is None else self.materials
         if not isinstance(given, Mapping):
             raise ConfigError("materials", "must map names of materials to laws", given)
         for name, law in given.items():

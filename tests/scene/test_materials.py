@@ -87,7 +87,7 @@ def test_laws_are_replaced_by_name(tmp_path):
     ({"materials": {"cels": GREY}}, "must be names .*, got 'cels'; did you mean 'cells'.*paint, cells, gold"),
     ({"materials": {"x": GREY}}, "got 'x'; the file has paint, cells, gold"),
     ({"materials": {"cells": 0.2}}, r"materials\.cells: must be a law"),
-    ({"materials": [GREY]}, "materials: must map names"),
+    ({"materials": [GREY]}, "materials: must map names"), ({"materials": []}, "materials: must map names"),
     ({"materials": {"cells": GREY}, "brdf": GREY}, "materials: goes without brdf"),
     ({"brdf": "lambert"}, "brdf: must be a law")])
 def test_wrong_laws_are_refused(tmp_path, kwargs, message):

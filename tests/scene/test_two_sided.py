@@ -194,7 +194,7 @@ def wall_alone(camera, n=8):
     (1, "auto", {"engine": "coverage", "max_error": 0.3}), (110, "auto", {"max_error": 0.3})],
     ids=["OpenGL", "raytrace", "0.3", "0.02", "rays", "coverage", "centroids"])
 def test_a_back_hides_nothing_and_casts_its_shadow(n_across, backend, options):
-    """The wall through the back of a sheet, to 2 % of its light: facets, ranges and laser ranges are the wall's too."""
+    """The wall through the back of a sheet, to 1 % of its light, by centroids 2 %; what is seen there is the wall."""
     scene = views.scene([before_a_wall(n_across)], [views.camera(65, 500.0)], sun_disc=False)
     with open_renderer(scene, backend) as renderer:
         image = renderer.render(ACROSS, products=["facet_id", "range"], **options)
@@ -202,7 +202,8 @@ def test_a_back_hides_nothing_and_casts_its_shadow(n_across, backend, options):
         assert image.plan.windows[0].by_centroids
     truth = wall_alone(scene.cameras[0])
     assert views.relative_rms(image.irradiance_W_m2, truth) < 0.15
-    np.testing.assert_allclose(image.irradiance_W_m2.sum(dtype=float), truth.sum(), rtol=0.02)
+    np.testing.assert_allclose(image.irradiance_W_m2.sum(dtype=float), truth.sum(),
+                               rtol=0.01 if n_across == 1 else 0.02)
     assert (image.products["facet_id"][20:45, 20:45] >= 2 * N * N).all()
     middle_m = np.linalg.norm([33.0, 0.0, 35.0])
     np.testing.assert_allclose(image.products["range"][32, 32], middle_m, rtol=1e-5)
@@ -243,7 +244,9 @@ def test_blender_refuses_a_sheet_of_another_image_behind():
 OPEN_BOX = (box((-0.5,) * 3, (0.5,) * 3)[0], box((-0.5,) * 3, (0.5,) * 3)[1][2:])
 
 
-@pytest.mark.parametrize("backend, options", [("auto", {"samples": 4}), ("raytrace", {}), ("auto", {"max_error": 0.2})])
+@pytest.mark.parametrize("backend, options", [
+    ("auto", {"samples": 4}), ("raytrace", {}), ("auto", {"max_error": 0.2}), ("auto", {"engine": "rays"})],
+    ids=["OpenGL", "raytrace", "coverage", "rays"])
 def test_sides_gives_panels_their_other_side(backend, options):
     """A bent panel and a flat one, each with one side in the file, lit as a plate from both sides of it."""
     shape = Shape.from_arrays(*panel(), sides="both")
@@ -251,8 +254,10 @@ def test_sides_gives_panels_their_other_side(backend, options):
     body = Body(name="body", shape=shape, brdf=GREY)
     with open_renderer(views.scene([body], [views.camera(100, 1000.0)], sun_disc=False), backend) as renderer:
         for side in (-1.0, 1.0):
-            image = renderer.render(looking(side, 60.0), **options).irradiance_W_m2[42:58, 42:58]
-            np.testing.assert_allclose(image, 0.3 / np.pi * views.SOLAR_IRRADIANCE_W_M2 * 0.5 / 1000.0**2, rtol=4e-4)
+            for incidence_deg in (0.0, 60.0, 85.0):
+                image = renderer.render(looking(side, incidence_deg), **options).irradiance_W_m2[42:58, 42:58]
+                truth = 0.3 / np.pi * views.SOLAR_IRRADIANCE_W_M2 * np.cos(np.radians(incidence_deg)) / 1000.0**2
+                np.testing.assert_allclose(image, truth, rtol=4e-4)
 
 
 def test_sides_leaves_closed_shells_alone_and_keeps_texture_coordinates():

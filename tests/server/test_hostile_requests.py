@@ -191,6 +191,41 @@ def test_images_in_shape_files_are_counted_before_they_are_unpacked(tmp_path):
         scene_asked(header, tmp_path)
 
 
+@pytest.mark.parametrize("changes, message", [
+    ({"shape": "../out.glb"}, r"shape: must be a bare file name in the server's shape directory, got '\.\./out\.glb'"),
+    ({"shape": "a.gltf"}, r"shape\.a\.gltf: must end in one of .*; export it as \.glb"),
+    ({"shape": "image.glb"}, r"images\.uri: must not be there.*got 'map\.png'; export it as one \.glb"),
+    ({"shape": "a.obj"}, r"materials\.m: missing: mtllib \.\./out\.mtl must be a bare name.*; give its law"),
+    ({"materials": {"cell": {"law": "lambert", "normal_albedo": 0.3}}},
+     "materials: must be names of the file's materials, got 'cell'; did you mean 'cells'.*paint, cells"),
+    ({"materials": {"cells": {"law": "microfacet", "base_albedo": 0.1, "metalness": 0.0, "roughness": 0.01}}},
+     r"materials\.cells\.roughness: must be between 0\.1 and 1, got 0\.01"),
+    ({"materials": []}, "materials: must map names"), ({"sides": ["both"]}, "sides: must be one of 'file', .*'both'")])
+def test_files_with_materials_are_those_of_the_folder_alone(tmp_path, changes, message):
+    """Next to the folder lie files of the same kinds, which would be taken were a name more than a bare one."""
+    folder = tmp_path / "shapes"
+    folder.mkdir()
+    given = [material("paint", 0.8), material("cells", 0.1)]
+    for path in (folder / "sat.glb", tmp_path / "out.glb"):
+        glb(path, [sheet(0), sheet(1, {"translation": [2.0, 0.0, 0.0]})], given)
+    Image.fromarray(np.zeros((2, 2), np.uint8)).save(folder / "map.png")
+    glb(folder / "image.glb", [sheet(0, uv=SHEET_UV)], [material("m", baseColorTexture={"index": 0})],
+        [{"uri": "map.png"}])
+    (folder / "a.gltf").write_text("{}")
+    (folder / "a.obj").write_text("mtllib ../out.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl m\nf 1 2 3\n")
+    (tmp_path / "out.mtl").write_text("newmtl m\nKd 0.1 0.1 0.1\n")
+
+    def asked(**more):
+        table = {"name": "body", "shape": "sat.glb", "length_unit": "m", **more}
+        return scene_asked({"v": 1, "op": "load_scene", "id": 1, "client": "c", "scene": {**SCENE, "bodies": [table]}},
+                           folder)
+
+    grey = {"law": "lambert", "normal_albedo": 0.3}
+    assert asked(materials={"cells": grey}).bodies[0].materials["cells"].normal_albedo == 0.3
+    with pytest.raises(ConfigError, match=rf"scene\.bodies\[0\]\..*{message}"):
+        asked(**changes)
+
+
 @pytest.mark.parametrize("ground, n, message", [
     ({"site_deg": [0.0, 0.0], "rings": [[13_000.0, 10.0]]}, 1, "bodies: must have at most 10000000 .*got 13520000"),
     ({"site_deg": [0.0, 0.0], "rings": [[9000.0, 10.0]]}, 2, "bodies: must have at most 10000000 .*got 12960000"),
