@@ -124,7 +124,7 @@ class Body:
             object.__setattr__(self, "shape", self.shape.of_one_material())
             return
         known = {each.name: each for each in self.shape.materials}
-        given = {} if self.materials is None else self.materials
+        given: Mapping[str, Law] = {} if self.materials is None else self.materials
         if not isinstance(given, Mapping):
             raise ConfigError("materials", "must map names of materials to laws", given)
         for name, law in given.items():
