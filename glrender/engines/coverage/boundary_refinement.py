@@ -88,16 +88,22 @@ def _divide_with_beside(seen: CornerVisibility, beside: FacetParts, missed: floa
                         ) -> tuple[FacetParts, FacetParts, float]:
     """Lit and mixed parts of boundary triangles and of others, and the error left: boundaries bend, or begin anew.
 
-    The others are divided once, and both again until the error is small enough or parts are too many.
+    The others are divided once; and those next to boundaries, old and new, until the error is small enough or parts
+    are too many.
     """
-    cutter, triangles = seen.cutter, seen.boundary
+    cutter, is_next = seen.cutter, np.zeros(seen.facets.n_facets, bool)
+    is_next[seen.beside_boundary().facet] = True
     beside, missed = cutter.quarters(beside), _STILL_MISSED * missed
+    whole, begun = cutter.sorted(beside.at(np.flatnonzero(~is_next.take(beside.facet))))
+    beside = beside.at(np.flatnonzero(is_next.take(beside.facet)))
+    triangles = FacetParts.joined([seen.boundary, begun])
     for _ in range(_MOST_NEXT - 1):
         if missed <= most_left or 4 * (len(triangles.facet) + len(beside.facet)) > _MOST_PARTS:
             break
         triangles, beside = cutter.quarters(triangles), cutter.quarters(beside)
         missed *= _STILL_MISSED_LATER
-    return *cutter.sorted(FacetParts.joined([triangles, beside])), missed
+    lit, mixed = cutter.sorted(FacetParts.joined([triangles, beside]))
+    return FacetParts.joined([whole, lit]), mixed, missed
 
 
 def _divide(seen: CornerVisibility, triangles: FacetParts, missed: float, most_squared: float
