@@ -210,9 +210,9 @@ def test_a_back_hides_nothing_and_casts_its_shadow(n_across, backend, options):
     np.testing.assert_allclose(laser_ranges(scene, ACROSS, [0.0, 0.0, 1.0]).range_m, middle_m, rtol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("blender")
-@pytest.mark.parametrize("law", [GREY, pytest.param(LommelSeeliger(single_scattering_albedo=0.3),
-                                                    marks=pytest.mark.slow)], ids=["Lambert", "OSL"])
+@pytest.mark.parametrize("law", [GREY, LommelSeeliger(single_scattering_albedo=0.3)], ids=["Lambert", "OSL"])
 def test_blender_looks_through_a_back_as_well(law):
     """It drew both sides of each facet: the sheet in place of the wall. A sheet of two sides is seen from either."""
     made = before_a_wall(1)
