@@ -61,9 +61,11 @@ def find_areas(seen: CornerVisibility, most_squared: float, flux_weight: float) 
     if error + flux_weight * bias**2 > most_squared:
         is_missed = missed > MISSED_SHARE * most_squared
         if is_missed or not seen.is_alone:
-            beside = seen.beside_boundary(is_missed and len(seen.facing) <= _MANY)
+            beside, is_next = seen.whole_facets()
+            if not (is_missed and len(seen.facing) <= _MANY):
+                beside, is_next = beside.at(np.flatnonzero(is_next)), is_next[is_next]
             whole = np.setdiff1d(whole, beside.facet)
-            done, triangles, missed = _divide_with_beside(seen, beside, missed,
+            done, triangles, missed = _divide_with_beside(seen, beside, is_next, missed,
                                                           MISSED_SHARE * most_squared - between)
             lit.append(done)
         done, triangles, error = _divide(seen, triangles, missed + between, most_squared)
@@ -84,18 +86,17 @@ def _missed_behind(seen: CornerVisibility) -> float:
     return sunlit_error.missed_behind(pixels_squared(seen.radiance.of(facet), area_px))
 
 
-def _divide_with_beside(seen: CornerVisibility, beside: FacetParts, missed: float, most_left: float
-                        ) -> tuple[FacetParts, FacetParts, float]:
+def _divide_with_beside(seen: CornerVisibility, beside: FacetParts, is_next: np.ndarray, missed: float,
+                        most_left: float) -> tuple[FacetParts, FacetParts, float]:
     """Lit and mixed parts of boundary triangles and of others, and the error left: boundaries bend, or begin anew.
 
-    The others are divided once; and those next to boundaries, old and new, until the error is small enough or parts
-    are too many.
+    The others (N,) are divided once; then boundaries, old and new, and those that are next to an old one (N,), until
+    the error is small enough or parts are too many.
     """
-    cutter, is_next = seen.cutter, np.zeros(seen.facets.n_facets, bool)
-    is_next[seen.beside_boundary().facet] = True
-    beside, missed = cutter.quarters(beside), _STILL_MISSED * missed
-    whole, begun = cutter.sorted(beside.at(np.flatnonzero(~is_next.take(beside.facet))))
-    beside = beside.at(np.flatnonzero(is_next.take(beside.facet)))
+    cutter, missed = seen.cutter, _STILL_MISSED * missed
+    beside, is_next = cutter.quarters(beside), np.tile(is_next, 4)
+    whole, begun = cutter.sorted(beside.at(np.flatnonzero(~is_next)))
+    beside = beside.at(np.flatnonzero(is_next))
     triangles = FacetParts.joined([seen.boundary, begun])
     for _ in range(_MOST_NEXT - 1):
         if missed <= most_left or 4 * (len(triangles.facet) + len(beside.facet)) > _MOST_PARTS:

@@ -101,15 +101,20 @@ class CornerVisibility:
         facet = self.facing.take(chosen)
         return FacetParts(self.corner.take(chosen, axis=1), facet, self.facet_px(facet))
 
-    def beside_boundary(self, is_rest: bool = False) -> FacetParts:
-        """Facets that touch those that a boundary crosses, or all the rest: shadows may be within facets anywhere."""
+    def whole_facets(self) -> tuple[FacetParts, np.ndarray]:
+        """Facets that no boundary crosses, and whether each (N,) touches one that a boundary crosses."""
         facets = self.facets
         is_boundary, touched = np.zeros(facets.n_facets, bool), np.zeros(facets.vertices_m.shape[1], bool)
         is_boundary[self.boundary.facet] = True
         touched[facets.corners[:, is_boundary]] = True
-        touched |= is_rest
-        return self.parts_of(np.flatnonzero(~is_boundary.take(self.facing) & touched.take(
-            facets.corners.take(self.facing, axis=1)).any(axis=0)))
+        chosen = np.flatnonzero(~is_boundary.take(self.facing))
+        is_next = touched.take(facets.corners.take(self.facing.take(chosen), axis=1)).any(axis=0)
+        return self.parts_of(chosen), is_next
+
+    def beside_boundary(self) -> FacetParts:
+        """Facets that touch those that a boundary crosses."""
+        parts, is_next = self.whole_facets()
+        return parts.at(np.flatnonzero(is_next))
 
     def squared_light(self, parts: FacetParts) -> np.ndarray:
         """Squared light (N,) of parts with the safety factor: errors are in proportion to it."""

@@ -18,6 +18,7 @@ from ...base.errors import ConfigError
 from ...brdf import Lambert
 from ...planner.account import Drawn
 from ...scene.scene import Scene
+from ...scene.shape.shape import Shape
 from ...view.view import BodyView
 from ..coverage.facet_tables import FacetTables
 from ..coverage.image_cells import ImageCells
@@ -102,7 +103,7 @@ def gradient_of(weights: Weights, drawn: Drawn, frame: Frame, rays: RayEngine) -
     """The gradient of a drawn frame's pixels (height, width), by weights, or by what makes them of the image."""
     light_W_m2, scene = drawn.irradiance_W_m2, rays.scene
     weights = checked_weights(weights(light_W_m2) if callable(weights) else weights, light_W_m2.shape)
-    found = {body.name: _Body(scene, body.name) for body in scene.bodies}
+    found = {body.name: _Body(body.drawn_shape) for body in scene.bodies}
     for window, (by_points, _) in zip(drawn.windows, drawn.areas, strict=True):
         left, top, right, bottom = window.roi
         cells = ImageCells(frame.camera, window.bounds_px, window.grid)
@@ -110,8 +111,7 @@ def gradient_of(weights: Weights, drawn: Drawn, frame: Frame, rays: RayEngine) -
         sums = np.zeros((bottom - top, right - left + 1))
         sums[:, :-1] = np.cumsum(scaled[:, ::-1], axis=1)[:, ::-1]
         for areas in (one for of_point in by_points for one in of_point):
-            views = [areas.seen.view if view.name == areas.seen.view.name else view for view in frame.views]
-            found[areas.seen.view.name].add(areas, scaled, sums, cells, views, rays)
+            found[areas.seen.view.name].add(areas, scaled, sums, cells, list(frame.views), rays)
     return Gradient(irradiance_W_m2=light_W_m2, bodies={name: body.gradient() for name, body in found.items()})
 
 
@@ -126,9 +126,9 @@ def _scales(cells: ImageCells, scene: Scene) -> np.ndarray:
 class _Body:
     """Sums of the derivatives by one body's vertices (V, 3) and by the light of its facets (F,)."""
 
-    def __init__(self, scene: Scene, name: str):
-        self._shape = next(body.drawn_shape for body in scene.bodies if body.name == name)
-        self._vertices_m, self._albedo = np.zeros_like(self._shape.vertices_m), np.zeros(len(self._shape.facets))
+    def __init__(self, shape: Shape):
+        self._shape, self._vertices_m = shape, np.zeros_like(shape.vertices_m)
+        self._albedo = np.zeros(len(shape.facets))
 
     def gradient(self) -> ShapeGradient:
         return ShapeGradient(vertices_m=self._vertices_m, albedo=self._albedo,

@@ -50,8 +50,12 @@ class Cuts:
 
     @classmethod
     def of(cls, areas: SunlitAreas, rays: RayEngine, views: list[BodyView], slides: bool) -> Cuts:
-        """Ask what makes each cut, just beyond it; of those that a shadow makes only where shadows slide."""
+        """Ask what makes each cut, just beyond it; of those that a shadow makes only where shadows slide.
+
+        Of the views of all bodies, the areas' own is as the point of the Sun's disc lights it that they are of.
+        """
         cutter, view, number = areas.seen.cutter, areas.seen.view, areas.seen.facets.number
+        views = [view if view.name == each.name else each for each in views]
         point, dark, facet = cutter.cuts()
         r_m = cutter.points.r_m.take(point, axis=1)
         way_m = cutter.points.r_m.take(dark, axis=1) - r_m

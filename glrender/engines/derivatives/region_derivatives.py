@@ -87,10 +87,8 @@ def add_derivatives(found: np.ndarray, names: Sequence[str], by_points: Sequence
     scale = rays.scene.solar_irradiance_of(cells.camera) / cells.camera.focal_length_px**2
     each = each_of(names)
     for areas in (one for found_by_point in by_points for one in found_by_point):
-        lit_so = [areas.seen.view if view.name == areas.seen.view.name else view for view in views]
         rates = Rates.of(names, areas.seen.view, cells.camera)
-        _add(found, _Lines(areas, each, rates, lit_so, cells.camera, rays), cells,
-             scale / len(by_points))
+        _add(found, _Lines(areas, each, rates, views, cells.camera, rays), cells, scale / len(by_points))
 
 
 class _Lines:

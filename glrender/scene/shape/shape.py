@@ -548,4 +548,3 @@ def centre_of_volume(vertices: np.ndarray, facets: np.ndarray) -> np.ndarray:
 def _volume(vertices: np.ndarray, facets: np.ndarray) -> float:
     first = vertices.take(facets[:, 0], axis=0) - vertices.mean(axis=0)
     return float(np.einsum("ij,ij->", first, area_vectors(vertices, facets))) / 6.0
-
