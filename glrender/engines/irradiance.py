@@ -266,7 +266,7 @@ class IrradiancePass:
             error = np.maximum(error, eclipse_samples.pixel_errors(variance, window.samples, window.eclipse_px))
         missed, light = None, mean
         if self._coverage is not None and facets_per_px <= MOST_FACETS_PER_PX:
-            by_areas = partial(self._coverage.sampling_errors, window.bodies, list(frame.views), ImageCells(
+            by_areas = self._coverage.sampling_errors(window.bodies, list(frame.views), ImageCells(
                 frame.camera, window.bounds_px, (x1 - x0, y1 - y0)))
             of_areas = by_areas(window.samples)
             # An image is dark for what samples pass by, and for no shadow, where they miss most of the light of areas.

@@ -7,7 +7,7 @@ shadows are found by rays here. Duff (1989), Polygon scan conversion by exact co
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import cv2
@@ -32,7 +32,7 @@ from .corner_visibility import look
 from .coverage_image import CoverageImage, LookedAt, overlapping, squared_errors
 from .facet_tables import FacetTables
 from .image_cells import ImageCells
-from .sampling import sampling_errors
+from .sampling import SampledAreas
 from .sub_triangles import projected
 from .sunlit_error import NOTHING_DRAWN, CoverageError, ErrorScale
 
@@ -142,16 +142,16 @@ class CoverageEngine:
         members = self._members(names, views)
         return None if members is None else _may_be_lit(members, cells, self._scene.sun_disc)
 
-    def sampling_errors(self, names: Sequence[str], views: list[BodyView], cells: ImageCells, count: int
-                        ) -> np.ndarray:
-        """Errors (rows, columns) [W/m2 per pixel] of count x count samples in each cell: `sampling.sampling_errors`.
+    def sampling_errors(self, names: Sequence[str], views: list[BodyView], cells: ImageCells
+                        ) -> Callable[[int], np.ndarray]:
+        """Errors (rows, columns) [W/m2 per pixel] of count x count samples in each cell, by the count: `SampledAreas`.
 
         None are known behind a lens, and of bodies of many facets with a texture or smooth normals.
         """
         members = self._members(names, views)
         if members is None or cells.camera.lens_map is not None:
-            return np.zeros(cells.shape)
-        return sampling_errors(members, views, cells, count, self._scene.solar_irradiance_of(cells.camera), self._rays)
+            return lambda count: np.zeros(cells.shape)
+        return SampledAreas(members, views, cells, self._scene.solar_irradiance_of(cells.camera), self._rays).errors
 
     def _members(self, names: Sequence[str], views: list[BodyView]) -> list[tuple[FacetTables, BodyView]] | None:
         """Tables and views of bodies that are seen and wholly before the camera, or None where one has none."""

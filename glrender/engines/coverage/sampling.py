@@ -17,12 +17,8 @@ from .image_cells import ROWS, ImageCells
 from .sub_triangles import projected
 
 
-def sampling_errors(bodies: Iterable[tuple[FacetTables, BodyView]], views: list[BodyView], cells: ImageCells,
-                    count: int, solar_W_m2: float, rays: RayEngine) -> np.ndarray:
-    """Light (rows, columns) [W/m2 per pixel] by which count x count samples in each cell differ from exact areas.
-
-    Parts narrower than a sample, and edges along the samples' rows, show in it. It is the light of facets that face
-    camera and Sun, also of those that others hide or shade; of a shape of few facets, of those with a corner in light.
+class SampledAreas:
+    """Facets that face camera and Sun, also those that others hide or shade; of a shape of few, with a corner in light.
 
     Parameters
     ----------
@@ -31,35 +27,44 @@ def sampling_errors(bodies: Iterable[tuple[FacetTables, BodyView]], views: list[
     views : list of BodyView
         Of all bodies.
     cells : ImageCells
-    count : int
-        0 for the light of the areas itself.
     solar_W_m2 : float [W/m2]
         Irradiance of the Sun at 1 au.
     rays : RayEngine
     """
-    camera, (rows, columns), drawn = cells.camera, cells.shape, []
-    for facets, view in bodies:
-        if facets.n_facets < FEWEST_CENTROIDS:
-            seen = look(facets, view, views, cells, rays, 0.0)
-            xy_px, lit, made = seen.xy_px, np.concatenate([seen.whole, seen.boundary.facet]), seen.radiance
-        else:
-            xy_px = projected(facets.vertices_m, view, camera)
-            lit, cosines, *_ = facet_loops.facing(
-                facets.normal, facets.offset_m, 0, facets.n_facets, view.sun_direction_body, 0.0,
-                view.r_camera_body_m, xy_px, facets.corners, cells.bounds_px)
-            made = FacetRadiance(facets, view, lit, cosines)
-        radiance = np.zeros(facets.n_facets)
-        radiance[lit] = made.of(lit)
-        drawn.append((facets, view, xy_px, radiance))
-    found, (left, top, right, _) = np.empty(cells.shape, np.float32), cells.bounds_px
-    # All facets are visited for each band of rows, which takes no more memory than they do.
-    at_once = max(ROWS, sum(len(radiance) for *_, radiance in drawn) // columns)
-    for first in range(0, rows, at_once):
-        last = min(first + at_once, rows)
-        band = ImageCells(camera, (left, top + first / cells.per_px[1], right, top + last / cells.per_px[1]),
-                          (columns, last - first))
-        found[first:last] = _errors(drawn, band, count) * (solar_W_m2 / camera.focal_length_px**2)
-    return found
+
+    def __init__(self, bodies: Iterable[tuple[FacetTables, BodyView]], views: list[BodyView], cells: ImageCells,
+                 solar_W_m2: float, rays: RayEngine):
+        self._cells, self._scale = cells, solar_W_m2 / cells.camera.focal_length_px**2
+        self._drawn: list[tuple[FacetTables, BodyView, np.ndarray, np.ndarray]] = []
+        for facets, view in bodies:
+            if facets.n_facets < FEWEST_CENTROIDS:
+                seen = look(facets, view, views, cells, rays, 0.0)
+                xy_px, lit, made = seen.xy_px, np.concatenate([seen.whole, seen.boundary.facet]), seen.radiance
+            else:
+                xy_px = projected(facets.vertices_m, view, cells.camera)
+                lit, cosines, *_ = facet_loops.facing(
+                    facets.normal, facets.offset_m, 0, facets.n_facets, view.sun_direction_body, 0.0,
+                    view.r_camera_body_m, xy_px, facets.corners, cells.bounds_px)
+                made = FacetRadiance(facets, view, lit, cosines)
+            radiance = np.zeros(facets.n_facets)
+            radiance[lit] = made.of(lit)
+            self._drawn.append((facets, view, xy_px, radiance))
+
+    def errors(self, count: int) -> np.ndarray:
+        """Light (rows, columns) [W/m2 per pixel] by which count x count samples in each cell differ from exact areas.
+
+        Parts narrower than a sample, and edges along the samples' rows, show in it. 0 samples have the areas' light.
+        """
+        cells, (rows, columns) = self._cells, self._cells.shape
+        found, (left, top, right, _) = np.empty(cells.shape, np.float32), cells.bounds_px
+        # All facets are visited for each band of rows, which takes no more memory than they do.
+        at_once = max(ROWS, sum(len(radiance) for *_, radiance in self._drawn) // columns)
+        for first in range(0, rows, at_once):
+            last = min(first + at_once, rows)
+            band = ImageCells(cells.camera, (left, top + first / cells.per_px[1], right, top + last / cells.per_px[1]),
+                              (columns, last - first))
+            found[first:last] = _errors(self._drawn, band, count) * self._scale
+        return found
 
 
 def _errors(drawn: list[tuple[FacetTables, BodyView, np.ndarray, np.ndarray]], cells: ImageCells, count: int

@@ -13,7 +13,7 @@ from glrender.base.constants import AU_M
 from glrender.brdf import Lambert
 from glrender.engines.coverage.facet_tables import FacetTables
 from glrender.engines.coverage.image_cells import ImageCells
-from glrender.engines.coverage.sampling import sampling_errors
+from glrender.engines.coverage.sampling import SampledAreas
 from glrender.engines.rays.engine import RayEngine
 from glrender.view.view import view_bodies
 
@@ -60,7 +60,7 @@ def test_samples_differ_from_areas_by_what_they_miss(count):
     cells = ImageCells(scene.cameras[0], scene.cameras[0].bounds_px, (SIDE_PX, SIDE_PX))
     rays = RayEngine(scene)
     tables = FacetTables(body, rays.solid("body"))
-    found = sampling_errors([(tables, seen[0])], seen, cells, count, scene.solar_irradiance_1au_W_m2, rays)
+    found = SampledAreas([(tables, seen[0])], seen, cells, scene.solar_irradiance_1au_W_m2, rays).errors(count)
     place = (np.arange(SIDE_PX * count) + 0.5) / count - 0.5 * SIDE_PX
     is_in = (np.abs(place - 0.1) < 0.185)[:, None] & (np.abs(place - 0.2) < 0.5 * LENGTH_PX)
     sampled = is_in.reshape(SIDE_PX, count, SIDE_PX, count).mean(axis=(1, 3))
