@@ -11,12 +11,12 @@ import cv2
 import numpy as np
 from glrender_camera import ConfigError, PinholeCamera
 from glrender_camera.camera import checked_exposure
-from glrender_camera.expected import are_full, changed_electrons, mean_electrons, scatter_electrons
+from glrender_camera.expected import are_full, scatter_electrons
 from glrender_camera.validate import within
 
 from ..base.plausible import Advice
 from ..engines.advice import image_advice
-from ..engines.derivatives.information import checked_unknown
+from ..engines.derivatives.information import Readout, checked_unknown
 from ..engines.derivatives.parameters import checked_derivatives
 from ..planner.plan import RenderPlan
 from ..view.state import State
@@ -201,16 +201,11 @@ class _Predicted:
     def __init__(self, camera: PinholeCamera, margin_px: int, box: tuple[int, int, int, int],
                  irradiance_W_m2: np.ndarray, exposure_s: Any):
         model: Any = camera.model
-        self._model = model
-        self._detector = self._model.detector
-        self._wide, self._box = camera.with_margin(margin_px), np.s_[..., box[1]:box[3], box[0]:box[2]]
-        self._options: dict[str, Any] = {"relative_illumination": self._wide.cos_field_angle, "margin_px": margin_px}
-        if exposure_s == "auto":
-            second = mean_electrons(self._model, irradiance_W_m2, 1.0, **self._options)
-            exposure_s = self._model.auto_exposure.of_irradiance(second, 1.0, self._detector)
-        self.exposure_s: float = exposure_s
-        electrons = mean_electrons(self._model, irradiance_W_m2, exposure_s, **self._options)
-        self._electrons, self._gain_DN = electrons[self._box].astype(np.float64), self._detector.gain_DN_per_electron
+        self._readout = Readout.of(model, camera.with_margin(margin_px), irradiance_W_m2, exposure_s, margin_px)
+        self._detector, self._box = model.detector, np.s_[..., box[1]:box[3], box[0]:box[2]]
+        self.exposure_s = self._readout.exposure_s
+        self._electrons = self._readout.electrons[self._box].astype(np.float64)
+        self._gain_DN = self._detector.gain_DN_per_electron
 
     @property
     def light_DN(self) -> np.ndarray:
@@ -229,12 +224,9 @@ class _Predicted:
         labels: list[str] = []
         units: list[str] = []
         for name in names:
-            x0, y0, x1, y1 = jacobian.roi
-            whole = np.zeros((len(jacobian[name]), self._wide.height_px, self._wide.width_px), np.float32)
-            whole[:, y0:y1, x0:x1] = jacobian[name]
-            changes += [*(self._gain_DN * changed_electrons(self._model, whole, self.exposure_s,
-                                                            **self._options)[self._box].astype(np.float64))]
-            labels += [f"{name}[{k}]" if len(whole) > 1 else name for k in range(len(whole))]
+            each = jacobian.each(name)
+            changes += [*(self._gain_DN * self._readout.changes(jacobian, each)[self._box].astype(np.float64))]
+            labels += [jacobian.label(*one) for one in each]
             units += {"sun": ["rad", "rad"], "focal_length": ["px"]}.get(
                 name, ["1"] if name.startswith("law.") else _POSE_UNITS)
         return changes, labels, units

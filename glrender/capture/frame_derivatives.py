@@ -43,12 +43,10 @@ def of_digital_numbers(jacobian: Jacobian, camera: PinholeCamera, margin_px: int
     bent characteristic are left out.
     """
     model, seen = camera.model, camera.with_margin(margin_px)
-    x0, y0, x1, y1 = jacobian.roi
     gain, is_full = np.float32(model.detector.gain_DN_per_electron), frame.saturated
     arrays = {}
-    for name, values in jacobian.items():
-        whole = np.zeros((len(values), seen.height_px, seen.width_px), np.float32)
-        whole[:, y0:y1, x0:x1] = values
+    for name in jacobian:
+        whole = jacobian.whole(jacobian.each(name), (seen.height_px, seen.width_px))
         arrays[name] = gain * changed_electrons(model, whole, frame.exposure_s, margin_px=margin_px,
                                                 relative_illumination=seen.cos_field_angle)
         arrays[name][:, is_full] = 0.0

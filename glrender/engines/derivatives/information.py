@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -66,7 +67,7 @@ class Information:
         chosen, warnings = _chosen(jacobian, components), ()
         sensor = Readout.of(model, camera, image.irradiance_W_m2, exposure_s)
         fit = Fit.of(sensor, jacobian, chosen, checked_unknown(unknown))
-        names = tuple(f"{name}[{k}]" if len(jacobian[name]) > 1 else name for name, k in chosen)
+        names = tuple(jacobian.label(name, k) for name, k in chosen)
         if (psf_px := psf_width_px(model)) < _LEAST_PSF_PX:
             warnings = (f"the point spread function is {psf_px:.2g} px wide, and the image bends within a pixel: below "
                         f"{_LEAST_PSF_PX:g} px derivatives hold for errors of the noise's size alone",)
@@ -117,28 +118,36 @@ class Information:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Readout:
-    """A camera's frame of an image in the mean, and the weights of its pixels."""
+    """A camera's frame of an image in the mean, how it changes, and the weights of its pixels."""
 
     model: CameraModel
     options: Mapping[str, Any]
     exposure_s: float
     electrons: np.ndarray
-    weights: np.ndarray
-    """(H, W) float32 [1/e-]: none of full pixels."""
 
     @classmethod
     def of(cls, model: CameraModel, camera: PinholeCamera, irradiance_W_m2: np.ndarray,
-           exposure_s: float | str | None) -> Readout:
-        """Of an image; an automatic exposure is that of its light."""
-        options = {"relative_illumination": camera.cos_field_angle}
+           exposure_s: float | str | None, margin_px: int = 0) -> Readout:
+        """Of an image with a margin, as the camera is; an automatic exposure is that of its light."""
+        options = {"relative_illumination": camera.cos_field_angle, "margin_px": margin_px}
         exposure: Any = checked_exposure("exposure_s", model.exposure_s if exposure_s is None else exposure_s)
         if exposure == "auto":
             second = mean_electrons(model, irradiance_W_m2, 1.0, **options)
             exposure = model.auto_exposure.of_irradiance(second, 1.0, model.detector)
-        electrons, detector = mean_electrons(model, irradiance_W_m2, exposure, **options), model.detector
-        weights = np.where(are_full(detector, electrons, exposure), 0.0,
-                           scatter_electrons(detector, electrons, exposure) ** -0.5)
-        return cls(model=model, options=options, exposure_s=exposure, electrons=electrons, weights=weights)
+        electrons = mean_electrons(model, irradiance_W_m2, exposure, **options)
+        return cls(model=model, options=options, exposure_s=exposure, electrons=electrons)
+
+    @cached_property
+    def weights(self) -> np.ndarray:
+        """(H, W) float32 [1/e-]: none of full pixels."""
+        detector, electrons = self.model.detector, self.electrons
+        return np.where(are_full(detector, electrons, self.exposure_s), 0.0,
+                        scatter_electrons(detector, electrons, self.exposure_s) ** -0.5)
+
+    def changes(self, jacobian: Jacobian, chosen: Sequence[tuple[str, int]]) -> np.ndarray:
+        """Changes (K, H, W) float32 [e-] of the frame by chosen parameters."""
+        shape = self.options["relative_illumination"].shape
+        return changed_electrons(self.model, jacobian.whole(chosen, shape), self.exposure_s, **self.options)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -158,11 +167,7 @@ class Fit:
     @classmethod
     def of(cls, sensor: Readout, jacobian: Jacobian, chosen: Sequence[tuple[str, int]], unknown: Sequence[str]) -> Fit:
         """By the derivatives that are chosen."""
-        whole = np.zeros((len(chosen), *sensor.electrons.shape), np.float32)
-        x0, y0, x1, y1 = jacobian.roi
-        for number, (name, k) in enumerate(chosen):
-            whole[number, y0:y1, x0:x1] = jacobian[name][k]
-        columns = [*changed_electrons(sensor.model, whole, sensor.exposure_s, **sensor.options)]
+        columns = [*sensor.changes(jacobian, chosen)]
         columns += [{"gain": sensor.electrons, "offset": np.ones_like(sensor.electrons)}[name] for name in unknown]
         design = np.stack([(column * sensor.weights).ravel() for column in columns], axis=1).astype(np.float64)
         length, count = np.sqrt(np.square(design).sum(axis=0)), len(chosen)

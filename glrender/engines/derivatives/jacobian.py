@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -40,6 +40,21 @@ class Jacobian(Mapping[str, np.ndarray]):
             return self
         x0, y0, x1, y1 = self.roi
         return replace(self, roi=(x0 + across_px, y0 + down_px, x1 + across_px, y1 + down_px))
+
+    def label(self, name: str, k: int) -> str:
+        """The name of one parameter: ``spacecraft[0]``, or ``focal_length`` where there is one alone."""
+        return f"{name}[{k}]" if len(self[name]) > 1 else name
+
+    def whole(self, chosen: Sequence[tuple[str, int]], shape: tuple[int, int]) -> np.ndarray:
+        """Chosen derivatives (K, height, width) float32 of all of an image's pixels."""
+        found, (x0, y0, x1, y1) = np.zeros((len(chosen), *shape), np.float32), self.roi
+        for number, (name, k) in enumerate(chosen):
+            found[number, y0:y1, x0:x1] = self[name][k]
+        return found
+
+    def each(self, name: str) -> list[tuple[str, int]]:
+        """All of a name's, as `whole` takes them."""
+        return [(name, k) for k in range(len(self[name]))]
 
     def __getitem__(self, name: str) -> np.ndarray:
         return self.arrays[name]
