@@ -62,9 +62,14 @@ void glr_put_list(glr_buffer *out, uint32_t count) {
         put(out, 0xdd, count, 4);
 }
 
+static void put_raw(glr_buffer *out, const void *bytes, size_t size) {
+    uint8_t *place = glr_reserve(out, size);
+    if (place && size)
+        memcpy(place, bytes, size);
+}
+
 void glr_put_text(glr_buffer *out, const char *text) {
     size_t size = strlen(text);
-    uint8_t *place;
     if (size > UINT32_MAX) {
         out->failed = 1;
         return;
@@ -75,9 +80,7 @@ void glr_put_text(glr_buffer *out, const char *text) {
         put(out, 0xd9, size, 1);
     else
         put(out, 0xdb, size, 4);
-    place = glr_reserve(out, size);
-    if (place && size)
-        memcpy(place, text, size);
+    put_raw(out, text, size);
 }
 
 void glr_put_uint(glr_buffer *out, uint64_t value) {
@@ -96,7 +99,6 @@ void glr_put_double(glr_buffer *out, double value) {
 }
 
 void glr_put_bytes(glr_buffer *out, const void *bytes, size_t size) {
-    uint8_t *place;
     if (size > UINT32_MAX) {
         out->failed = 1;
         return;
@@ -107,9 +109,7 @@ void glr_put_bytes(glr_buffer *out, const void *bytes, size_t size) {
         put(out, 0xc5, size, 2);
     else
         put(out, 0xc6, size, 4);
-    place = glr_reserve(out, size);
-    if (place && size)
-        memcpy(place, bytes, size);
+    put_raw(out, bytes, size);
 }
 
 void glr_put_bool(glr_buffer *out, int value) { put(out, value ? 0xc3 : 0xc2, 0, 0); }

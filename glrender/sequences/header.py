@@ -25,7 +25,6 @@ def same_version(asked: str) -> None:
         raise ConfigError("--dask", f"a worker has glrender {VERSION}, not {asked}", hint="install the same")
 
 
-
 FIELDS: Mapping[str, str] = {
     "glrender": "version of the program",
     "index": "number of the frame in its sequence, from 0",
