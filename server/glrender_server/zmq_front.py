@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import logging
 import os
+import threading
 import time
 from collections import deque
 from collections.abc import Iterator, Sequence
@@ -40,6 +41,9 @@ _TURN_S = 0.005
 # connection if to read it takes tens of milliseconds. A part has two bytes at least.
 _MAX_PARTS, _THROWN_AWAY_AT_ONCE, _MANY_PARTS, _MIN_PART_BYTES = 2 + framing.MAX_PARTS, 1000, 1 << 15, 2
 _LINGER_S = 3.0
+# Longest wait for ZeroMQ's own end after that [s]: 4.3.5 may wait for ever where a client with replies on their way has
+# just gone.
+_END_S = 2.0
 # A peer that has vanished without a word is noticed after about two minutes.
 _KEEP_ALIVE_IDLE_S, _KEEP_ALIVE_INTERVAL_S, _KEEP_ALIVE_COUNT = 60, 20, 3
 # Who has connected and not shaken hands by then is closed by ZeroMQ.
@@ -238,11 +242,15 @@ class ZmqFront:
         """Do nothing: ZeroMQ's `unbind` ends the connections that came by it; who comes now is answered `closing`."""
 
     def close(self, linger_s: float = _LINGER_S) -> None:
-        """Close the socket, after what it has taken is sent or the time is over."""
+        """Close the socket, after what it has taken is sent or the time is over; wait a while for the end of ZeroMQ."""
         self._socket.close(round(1e3 * linger_s))
         if self._authenticator is not None and self._authenticator.is_alive():
             self._authenticator.stop()
-        self._context.term()
+        ending = threading.Thread(target=self._context.term, name="zmq-end", daemon=True)
+        ending.start()
+        ending.join(linger_s + _END_S)
+        if ending.is_alive():
+            log.warning("ZeroMQ has not ended after %g s: its threads are left behind", linger_s + _END_S)
         if self._claim is not None:
             self._claim.release()
             self._claim = None

@@ -440,6 +440,18 @@ def test_small_replies_that_nobody_takes_are_dropped_beyond_the_bound_and_frames
         assert request.untaken_bytes() >= backlog.held_bytes >= backlog.waiting_bytes > 1 << 20
 
 
+def test_zeromq_that_never_ends_does_not_keep_a_server_from_ending(monkeypatch, caplog):
+    """Version 4.3.5 waits for ever now and then, where a client with replies on their way has just gone."""
+    monkeypatch.setattr(zmq_front, "_END_S", 0.2)
+    front, never = ZmqFront("tcp://127.0.0.1:*"), threading.Event()
+    ends, front._context = front._context, SimpleNamespace(term=never.wait)
+    begin = time.monotonic()
+    front.close(0.1)
+    assert 0.25 < time.monotonic() - begin < 5.0 and "ZeroMQ has not ended after 0.3 s" in caplog.text
+    never.set()
+    ends.term()
+
+
 def test_connections_made_before_the_loop_starts_count_too():
     front, poller = ZmqFront("tcp://127.0.0.1:*", max_connections=4), zmq.Poller()
     host, _, port = front.endpoint.removeprefix("tcp://").rpartition(":")
