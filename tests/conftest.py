@@ -62,19 +62,19 @@ def logging_as_it_was():
 
 def pytest_addoption(parser):
     parser.addoption("--nothing-missing", action="store_true", help="tests that lack a tool fail")
-    parser.addoption("--slow-fifth", type=int, choices=range(5), help="of the slow tests, run this fifth alone")
+    parser.addoption("--slow-tenth", type=int, choices=range(10), help="of the slow tests, run this tenth alone")
 
 
 @pytest.hookimpl(trylast=True)
 def pytest_collection_modifyitems(config, items):
-    """Leave out four fifths of the slow tests, by their names: five fifths are all, whatever else is chosen.
+    """Leave out nine tenths of the slow tests, by their names: ten tenths are all, whatever else is chosen.
 
     Of several processes, which take file by file, each begins with a long one: else all wait for the last.
     """
-    fifth = config.getoption("--slow-fifth")
-    if fifth is not None:
+    tenth = config.getoption("--slow-tenth")
+    if tenth is not None:
         others = {item for item in items
-                  if item.get_closest_marker("slow") and crc32(item.nodeid.encode()) % 5 != fifth}
+                  if item.get_closest_marker("slow") and crc32(item.nodeid.encode()) % 10 != tenth}
         config.hook.pytest_deselected(items=list(others))
         items[:] = [item for item in items if item not in others]
     if hasattr(config, "workerinput"):
