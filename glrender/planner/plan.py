@@ -203,7 +203,7 @@ class RenderPlan:
     asked : mapping
         The tolerance by unit; `max_error` as `rms` by default.
     promised : mapping
-        The least error by unit that any frame of this view is promised: no tolerance below it is met.
+        The least error by unit that is predicted of any frame of this view: no tolerance below it is met.
     way_out : str
         For the caller of a frame that misses its tolerance; empty where that is no surprise, as of samples that were
         asked for.
@@ -259,9 +259,9 @@ class RenderPlan:
         return {unit: self.miss(unit, self.way_out) for unit in self.missed if self.way_out}
 
     def miss(self, unit: str, way_out: str) -> str:
-        """A warning of a unit that is missed: the least error that is promised stands in place of a vain way out."""
+        """A warning of a unit that is missed, with the least error that is predicted in place of a vain way out."""
         asked, least = self.asked[unit], self.promised.get(unit, 0.0)
-        end = f"no frame of this view is promised less than {least:.2g}" if asked <= least else way_out
+        end = f"the least predicted of any frame of this view is {least:.2g}" if asked <= least else way_out
         name = "error" if unit == "rms" else unit
         return f"predicted {name} {self.predicted[unit]:.2g} exceeds max_error {asked:g}; {end}"
 

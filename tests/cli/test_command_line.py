@@ -18,7 +18,9 @@ import views
 from cells import slow_but
 from glb_parts import glb, material, sheet
 from glrender import Body, PinholeCamera, Renderer, Scene, Shape, generate, load_scene
+from glrender.base.errors import DeviceError
 from glrender.brdf import Lambert
+from glrender.engines.raster.gl.context import Context
 from glrender.scene.shape.grids import cells
 from glrender.sequences.contact_sheet import STRETCHES, grey_levels
 from glrender.sequences.read import read_image
@@ -367,6 +369,10 @@ def test_render_takes_capital_endings(folder, monkeypatch):
 def test_doctor_finds_what_hinders(folder):
     made = run("doctor", cwd=folder)
     assert made.returncode == 0 and made.stdout.count("OpenGL by ") == 2
+    devices = re.findall(r"EGL device \d+ +(.*)", made.stdout)
+    assert re.search(r"OpenGL by egl +(.*), OpenGL", made.stdout)[1] in devices
+    with pytest.raises(DeviceError, match="requested device"):
+        Context("egl", len(devices))
     assert all(f"extra {name} " in made.stdout for name in ("fits", "parquet", "hdf5", "dask", "view", "belief"))
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))

@@ -44,7 +44,7 @@ def test_lengths_in_warnings_are_pixels_of_the_frame_not_cells():
     assert made.warnings == (
         "another", "predicted flux 0.002 exceeds max_error 0.001; give up",
         "predicted centroid_px 0.02 exceeds max_error 0.01; give up",
-        "predicted limb_px 0.004 exceeds max_error 0.002; no frame of this view is promised less than 0.004")
+        "predicted limb_px 0.004 exceeds max_error 0.002; the least predicted of any frame of this view is 0.004")
 
 
 @pytest.mark.parametrize("moved", [0.03, 0.019])

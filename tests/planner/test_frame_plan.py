@@ -139,7 +139,7 @@ def test_a_tolerance_that_no_frame_is_promised_says_so_and_the_other_has_its_way
                                bodies=plan.bodies, is_late=False))
     ends = {text.split()[1]: text.split("; ")[1] for text in made.warnings}
     assert ends == {"flux": 'the backend "raytrace" draws it',
-                    "centroid_px": "no frame of this view is promised less than 0.0003"}
+                    "centroid_px": "the least predicted of any frame of this view is 0.0003"}
 
 
 def test_the_use_of_an_image_is_checked():

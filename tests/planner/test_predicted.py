@@ -111,7 +111,7 @@ def test_a_tolerance_below_what_is_promised_of_any_frame_costs_no_more_and_is_to
     asked, least = ({"limb_px": most} for most in (1e-6, 1e-3))
     plans = [renderer.render(STATE, max_error=each).plan for each in (asked, least)]
     assert plans[0].windows == plans[1].windows and plans[0].missed == ("limb_px",)
-    assert "promised less than 0.012" in plans[0].warnings[0] and "exceeds max_error 1e-06" in plans[0].warnings[0]
+    assert "frame of this view is 0.012" in plans[0].warnings[0] and "exceeds max_error 1e-06" in plans[0].warnings[0]
 
 
 def test_a_point_spread_function_leaves_flux_and_centre_as_they_are(renderer):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import re
 import subprocess
 import sys
@@ -10,18 +11,21 @@ import tomllib
 from pathlib import Path
 
 import glrender
+import numpy as np
 import PIL.Image
 import pytest
 import serving
-from glrender import generate
+from glrender import PinholeCamera, State, generate
 from glrender_camera import AutoExposure, Detector, Optics
 from glrender_camera.aberrations import Aberrations
 from glrender_camera.faults.fault import Fault
 from glrender_camera.faults.frame_faults import KINDS
 from glrender_camera.straylight import StrayLight
 from glrender_cli.__main__ import main
+from glrender_server.codec import MINOR_VERSION, VERSION
 from likely import all_likely
 from missing import needed_module
+from scipy.spatial.transform import Rotation
 
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", ROOT / "camera_model" / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -209,6 +213,26 @@ def test_each_line_of_a_call_stack_is_in_the_code():
     assert len(calls) == len(re.findall(r"^    .*\.py", page, re.M)) > 30
     assert not [(path, name) for path, name in calls
                 if not re.search(rf"^(?:class|def) {name}\b", (ROOT / path.strip()).read_text(encoding="utf-8"), re.M)]
+
+
+def test_the_protocols_page_has_the_version():
+    page = (ROOT / "docs" / "protocol.md").read_text(encoding="utf-8")
+    assert page.startswith(f"# Wire protocol, version {VERSION}, minor version {MINOR_VERSION}\n")
+    assert f"`protocol_minor` ({MINOR_VERSION}: " in page
+
+
+def test_the_terrain_pages_camera_looks_down_with_north_up():
+    """And by its other quaternion at the horizon: the site's axes are east, north, up."""
+    page = (ROOT / "docs" / "terrain.md").read_text(encoding="utf-8")
+    state = json.loads(re.search(r"```json\n(.*?)```", page, re.S)[1])
+    camera = PinholeCamera(name="camera", width_px=64, height_px=64, focal_length_px=100.0)
+    other = [float(word) for word in re.search(r"`q_from_inertial` \[(.*?)\]", page)[1].split(",")]
+    for q, points, places in (
+            (state["spacecraft"]["q_from_inertial"], [[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 0], [50, 0], [0, -50]]),
+            (other, [[0, 10, 2], [1, 10, 2], [0, 10, 3]], [[0, 0], [10, 0], [0, -10]])):
+        pose = State.from_dict({**state, "spacecraft": {**state["spacecraft"], "q_from_inertial": q}}).spacecraft
+        seen = Rotation.from_quat(pose.q_from_inertial, scalar_first=True).apply(np.array(points) - pose.r_inertial_m)
+        np.testing.assert_allclose(camera.project(seen) - 31.5, places, atol=1e-6)
 
 
 def test_documents_stay_short():

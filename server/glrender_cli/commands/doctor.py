@@ -15,7 +15,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from glrender.base.disk_cache import cache_folder
-from glrender.engines.raster.gl.context import INSTALL_HINT, probe
+from glrender.engines.raster.gl.context import INSTALL_HINT, egl_devices, probe
 from glrender.scene.plugins import registry as plugins
 
 _PACKAGES = ("glrender", "numpy", "scipy", "numba", "moderngl", "opencv-contrib-python-headless", "pyzmq",
@@ -50,7 +50,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Print the findings; 1 if any is bad."""
-    findings = [*_opengl(), *_engines(), *_versions(), *_machine(), *look_at_ports(_PORTS), *_extras(), *_plugins()]
+    findings = [*_opengl(), *_devices(), *_engines(), *_versions(), *_machine(), *look_at_ports(_PORTS), *_extras(),
+                *_plugins()]
     if arguments.json:
         sys.stdout.write(json.dumps([asdict(finding) for finding in findings], indent=1) + "\n")
     else:
@@ -69,6 +70,12 @@ def _opengl() -> Iterator[Finding]:
             yield Finding(name, "note" if works else "bad", entry["error"], "" if works else INSTALL_HINT)
         else:
             yield Finding(name, "ok", f"{entry['gl_renderer']}, OpenGL {entry['gl_version']}")
+
+
+def _devices() -> Iterator[Finding]:
+    for index, entry in enumerate(egl_devices()):
+        yield Finding(f"EGL device {index}", "note" if "error" in entry else "ok",
+                      entry.get("error") or entry["gl_renderer"])
 
 
 def _engines() -> Iterator[Finding]:

@@ -191,7 +191,7 @@ def test_every_unit_that_is_missed_warns_and_the_frame_tells_its_time():
     assert image.plan.missed == ("rms", "limb_px")
     assert [text.split(" exceeds")[0].split()[1] for text in image.plan.warnings] == ["error", "limb_px"]
     ways_out = [text.split("; ")[1] for text in image.plan.warnings]
-    assert ways_out == ["leave samples out", "no frame of this view is promised less than 0.012"]
+    assert ways_out == ["leave samples out", "the least predicted of any frame of this view is 0.012"]
     assert image.plan.milliseconds == image.timings_ms["trace"] > 0.0
 
 

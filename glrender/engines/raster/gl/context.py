@@ -20,6 +20,8 @@ log = logging.getLogger(__name__)
 BACKENDS = ("egl", "osmesa")
 INSTALL_HINT = ("install Mesa: `apt-get install libegl1 libegl-mesa0 libgl1 libgl1-mesa-dri` for EGL, "
                 "or `apt-get install libosmesa6` for OSMesa; with a GPU, its driver's EGL library")
+# A device's number that no machine has: the error says how many there are.
+_NO_DEVICE = 10_000
 _LIMITS = {"max_texture_px": "GL_MAX_TEXTURE_SIZE", "max_color_attachments": "GL_MAX_COLOR_ATTACHMENTS",
            "max_uniform_block_bytes": "GL_MAX_UNIFORM_BLOCK_SIZE"}
 
@@ -131,6 +133,23 @@ def _create_egl(index: int) -> moderngl.Context:
             raise
         return moderngl.create_context(standalone=True, require=330, backend="egl", device_index=index,
                                        libgl="libOpenGL.so.0")
+
+
+def egl_devices() -> list[dict[str, Any]]:
+    """The `info` of each EGL device, in the order of `device_index`, or its `error`; empty without EGL."""
+    counted = None
+    try:
+        Context("egl", _NO_DEVICE).close()
+    except DeviceError as error:
+        counted = re.search(r"found (\d+) devices", str(error))
+    found = []
+    for index in range(int(counted[1]) if counted else 0):
+        try:
+            with Context("egl", index) as context:
+                found.append(context.info)
+        except DeviceError as error:
+            found.append({"backend": "egl", "error": str(error)})
+    return found
 
 
 def probe() -> list[dict[str, Any]]:
