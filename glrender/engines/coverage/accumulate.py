@@ -47,13 +47,12 @@ def means(changes, first, last, values, cover):
 
 
 @compiled(float64(write(float64, 2), write(float64, 2), intp, intp, float64, float64, read(float64, 1),
-                  read(float64, 1), float64))
-def settle(values, cover, first, last, least, scale, across, down, least_share):
+                  read(float64, 1)))
+def settle(values, cover, first, last, least, scale, across, down):
     """Turn means (R, C) of rows first to last into light: 0 where it is less than the least.
 
-    Where the cover exceeds 1, a share of the excess is taken off, and all of it from twice the possible cover on. The
-    result is times a scale over (1 + x^2 + y^2)^1.5 by the squares `across` (C,) and `down` (R,). Returns the error
-    where areas overlap: the sum of the squares of half of each excess.
+    What the cover exceeds 1 by is taken off. The result is times a scale over (1 + x^2 + y^2)^1.5 by the squares
+    `across` (C,) and `down` (R,). Returns the error where areas overlap: the sum of the squares of half of each excess.
     """
     unsure = 0.0
     for row in range(first, last):
@@ -63,7 +62,7 @@ def settle(values, cover, first, last, least, scale, across, down, least_share):
                 value = 0.0
             elif covered > 1.0:
                 unsure += (0.5 * value * (1.0 - 1.0 / covered)) ** 2
-                value *= 1.0 - max(least_share, min(covered - 1.0, 1.0)) * (1.0 - 1.0 / covered)
+                value /= covered
             slant = 1.0 + across[column] + down[row]
             values[row, column] = value * scale / (slant * math.sqrt(slant))
     return unsure

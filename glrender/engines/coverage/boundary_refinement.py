@@ -30,7 +30,7 @@ _MOST_PARTS = 2_500_000
 # Squared light of a facet over the squared tolerance from which it is divided first [1]: of few facets, and of many.
 _LARGE = 0.15
 _LARGE_OF_MANY = 20.0
-# Most divisions of a triangle by four.
+# Most divisions of a triangle by four: a round choice.
 _MOST_DIVISIONS = 6
 # Triangles that are too many to be divided again: a round choice.
 _MANY = 120_000

@@ -166,7 +166,6 @@ def squared_errors(looked: LookedAt, found: Sequence[SunlitAreas], cells: ImageC
     return cells.sums(changes)
 
 
-def overlapping(means: np.ndarray, cover: np.ndarray, least_share: float) -> np.ndarray:
-    """Squared errors (rows, columns) of means where the cover exceeds 1: `accumulate.settle` before its corrections."""
-    excess = 1.0 - 1.0 / np.maximum(cover, 1.0)
-    return (0.5 * means * excess / (1.0 - np.clip(cover - 1.0, least_share, 1.0) * excess)) ** 2
+def overlapping(means: np.ndarray, cover: np.ndarray) -> np.ndarray:
+    """Squared errors (rows, columns) of means where the cover exceeds 1: `accumulate.settle`."""
+    return (0.5 * means * np.maximum(cover - 1.0, 0.0)) ** 2

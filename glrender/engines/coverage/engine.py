@@ -18,7 +18,6 @@ from ...planner.error_budget import CELL_SHARE, FLUX_SHARE, LEAST_LEFT, OVERLAPS
 from ...planner.error_model import FEWEST_CENTROIDS
 from ...planner.penumbra import sun_points
 from ...scene.scene import Scene
-from ...scene.shape.shape import Shape
 from ...scene.surface import Surface
 from ...view.sun_disc import lit_from, on_disc
 from ...view.view import BodyView
@@ -36,10 +35,8 @@ from .sampling import SampledAreas
 from .sub_triangles import projected
 from .sunlit_error import NOTHING_DRAWN, CoverageError, ErrorScale
 
-# The part of what overlaps that is taken off a closed surface that is alone [1]: as much is missing where its facets
-# are clipped too small (tests/engines/coverage/test_coverage_engine.py).
-_EXCESS = 0.5
-# Mean width [px] of penumbras that reach beyond the facets in which their edges are: rays draw all of the image.
+# Mean width [px] of penumbras that reach beyond the facets in which their edges are, above which rays draw all of the
+# image: a round choice.
 _WIDE_PX = 3.0
 # Cells that a facet covers, below which it is far smaller than one: a round choice.
 _FINE = 0.15
@@ -57,8 +54,6 @@ class CoverageEngine:
 
     def __init__(self, scene: Scene, rays: RayEngine):
         self._scene, self._rays, self._brdf_tables = scene, rays, BrdfTables()
-        # Facets of several bodies, of shells and of surfaces that are there twice overlap with nothing missing for it.
-        self._is_one_surface = len(scene.bodies) == 1 and _is_one_surface(scene.bodies[0].shape)
         # Uneven ones show what samples miss; large shapes have facets far smaller than their thinnest parts.
         self._facets = {body.name: FacetTables(body, rays.solid(body.name)) for body in scene.bodies
                         if Surface(body).is_even or len(body.drawn_shape.facets) < FEWEST_CENTROIDS}
@@ -194,9 +189,8 @@ class CoverageEngine:
             else:
                 areas.add_to(changes, cells, is_fine)
         # Where areas overlap, one that is hidden was taken to be seen: which one is not known.
-        least_share = _EXCESS if self._is_one_surface else 1.0
         solar_W_m2 = self._scene.solar_irradiance_of(cells.camera)
-        means, unsure, cover = cells.light(changes, solar_W_m2, least_share, is_fine, slopes)
+        means, unsure, cover = cells.light(changes, solar_W_m2, is_fine, slopes)
         squared = sum(areas.squared for areas in found) + unsure / cells.per_px.prod() ** 2
         if has_planes:
             squared += sum(float(areas.uneven()[1].sum()) for areas in found)
@@ -206,7 +200,7 @@ class CoverageEngine:
         unit_W_m2 = float(cells.per_px.prod()) * solar_W_m2 / cells.camera.focal_length_px**2
         return CoverageImage(means=means, error=error, scales=scales, unit_W_m2=unit_W_m2, areas=(tuple(found),),
                              squared_of_areas=lambda: (
-            unit_W_m2**2 * squared_errors(looked, found, cells, has_planes) + overlapping(means, cover, least_share))
+            unit_W_m2**2 * squared_errors(looked, found, cells, has_planes) + overlapping(means, cover))
                              ).by_its_light()
 
 
@@ -222,9 +216,3 @@ def _may_be_lit(bodies: list[tuple[FacetTables, BodyView]], cells: ImageCells, h
     largest = accumulate.means(changes, 0, len(found), found, cover)
     # A cell next to a touched one may have light by rounding, or at another sample's place.
     return cv2.dilate((cover > accumulate.ROUNDING * largest).astype(np.uint8), np.ones((3, 3), np.uint8))
-
-
-def _is_one_surface(shape: Shape) -> bool:
-    """Whether a shape is closed, of one shell, with two facets at each edge."""
-    report = shape.report
-    return report.is_watertight and report.n_shells == 1

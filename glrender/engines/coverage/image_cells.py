@@ -53,7 +53,7 @@ class ImageCells:
                                    - camera.principal_point_px[k]) / camera.focal_length_px) for k in range(2))
         return across, down
 
-    def light(self, changes: np.ndarray, solar_W_m2: float, least_share: float = 1.0, is_even: bool = False,
+    def light(self, changes: np.ndarray, solar_W_m2: float, is_even: bool = False,
               slopes: np.ndarray | None = None) -> tuple[np.ndarray, float, np.ndarray]:
         """Means over cells (rows, columns) [W/m2 per pixel], and a sum of squares that is unsure where areas overlap.
 
@@ -65,8 +65,6 @@ class ImageCells:
             In radiance and cover: `accumulate`.
         solar_W_m2 : float [W/m2]
             Irradiance of the Sun at 1 au.
-        least_share : float [1]
-            The least part of an excess that is taken off where areas overlap.
         is_even : bool
             All pixels have the solid angle of that on the boresight; radiance has the cosines.
         slopes : (rows, columns + 2) complex128, optional
@@ -87,8 +85,8 @@ class ImageCells:
             largest = float(image.max())
         least = accumulate.ROUNDING * largest
         unsure = threads.run_in_parts(
-            lambda part: accumulate.settle(image, cover, part.start, part.stop, least, scale, across, down,
-                                           least_share), len(image), ROWS)
+            lambda part: accumulate.settle(image, cover, part.start, part.stop, least, scale, across, down),
+            len(image), ROWS)
         if lens is not None and not is_even:
             image *= self._solid_angles(lens)
         return image, sum(unsure), cover

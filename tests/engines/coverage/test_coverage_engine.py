@@ -359,10 +359,7 @@ def test_a_moon_before_the_middle_of_a_facet_is_found_or_told(budget):
 
 @pytest.mark.parametrize("share", slow_but([0.01, 0.02], 0))
 def test_facets_that_are_there_twice_are_bright_once(share):
-    """Otherwise triangulated, so that no edge tells: nothing is missing for what overlaps, and all of it is taken off.
-
-    Half of it, as of a closed surface, would be 0.55 and 1 % of the flux.
-    """
+    """Otherwise triangulated, so that no edge tells: all that overlaps is taken off; half of it left would fail."""
     ground = generate.gaussian_random_sphere(radius_m=100.0, sigma=0.15, seed=3, subdivisions=5)
     vertices_m, facets = ground.vertices_m, ground.facets.astype(int)
     twice = facets[np.random.default_rng(1).random(len(facets)) < share]
