@@ -62,13 +62,13 @@ class Spice:
         if not isinstance(self.ids, Mapping):
             raise ConfigError("ids", "must map names to SPICE's names or numbers", self.ids)
         object.__setattr__(self, "kernels", tuple(self.kernels))
-        self._load(_spiceypy())
+        self._load(spiceypy_of("spice"))
 
     def close(self) -> None:
         """Unload the kernels, where they are those that are loaded."""
         if _POOL.get("kernels") == self._key:
             _POOL.clear()
-            _spiceypy().kclear()
+            spiceypy_of("spice").kclear()
 
     def code(self, name: str, path: str = "ids") -> int:
         """SPICE's number of a name of the scenario, or of SPICE's own."""
@@ -199,7 +199,7 @@ class Spice:
     @property
     def tool(self) -> Any:
         """spiceypy, its pool that of the kernels."""
-        tool = _spiceypy()
+        tool = spiceypy_of("spice")
         # All names cost as much as a position: the number of kernels and the last one show whether the pool is ours.
         if not (_POOL.get("kernels") == self._key and tool.ktotal("ALL") == len(_POOL["files"])
                 and _POOL["files"][-1:] == _pool(tool, len(_POOL["files"]) - 1)):
@@ -209,15 +209,15 @@ class Spice:
     @cached_property
     def error(self) -> type[Exception]:
         """The root of spiceypy's errors."""
-        return _spiceypy().utils.exceptions.SpiceyError
+        return spiceypy_of("spice").utils.exceptions.SpiceyError
 
 
-def _spiceypy() -> Any:
-    """spiceypy, imported when it is needed first."""
+def spiceypy_of(field: str) -> Any:
+    """spiceypy, imported when it is needed first; the error where it is missing names a field."""
     try:
         return import_module("spiceypy")
     except ImportError as error:
-        raise ConfigError("spice", f"needs spiceypy: {error}", hint="pip install 'glrender[spice]'") from None
+        raise ConfigError(field, f"needs spiceypy: {error}", hint="pip install 'glrender[spice]'") from None
 
 
 def _pool(tool: Any, first: int = 0) -> list[str]:

@@ -4,18 +4,22 @@ from __future__ import annotations
 
 import argparse
 import json
+import re
 import sys
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from glrender import ConfigError, State
+from glrender import ConfigError, Scene, State
 from glrender.base.errors import error_path
 from glrender.base.names import OUTPUTS
 from glrender.scenario import load_scenario
+from glrender.scenario.exports.exports import EXPORTS, exports_of, refuse_others
+from glrender.scenario.exports.flight import Flight
 from glrender.scenario.files.keypoint_fields import off_surface
 from glrender.scenario.files.scenario_file import load_setting
 from glrender.sequences.contact_sheet import contact_sheet
+from glrender.sequences.folder import write_whole
 from glrender.sequences.formats import FORMATS, STREAM
 from glrender.sequences.header import offset_DN
 from glrender.sequences.options import OUTPUT_KEYS, options_of
@@ -50,6 +54,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--max-error", metavar="SHARE", help="or units with one each; the scene's")
     parser.add_argument("--video", type=Path, metavar="FILE.mp4", help="write the frames as a video for the eye too")
     parser.add_argument("--video-rate-hz", type=float, default=25.0, metavar="HZ")
+    parser.add_argument("--with", dest="exports", metavar="NAMES", default="",
+                        help=f"write files of other tools too, out of {','.join(EXPORTS)}")
+    parser.add_argument("--ids", nargs="*", default=[], metavar="NAME=NUMBER",
+                        help="of --with: NAIF's numbers of bodies and, negative, of the spacecraft")
+    parser.add_argument("--spacecraft", default="spacecraft", metavar="NAME", help="of --with: the spacecraft's name")
     parser.add_argument("--processes", type=int, metavar="N", help="0, the default: one for each core")
     parser.add_argument("--backend", default="auto")
 
@@ -86,6 +95,8 @@ def run(arguments: argparse.Namespace) -> int:
     if options.has_labels:
         options = replace(options, keypoints=keypoints)
     sequence = FrameSequence(scene=scene, states=states, folder=arguments.out, options=options)
+    exports = _exports(arguments, scene, states, options.camera)
+    refuse_others(arguments.out, exports)
     n_frames = len(sequence.states)
     n_there = n_frames - len(sequence.missing())
     with tqdm(total=n_frames, initial=n_there, unit="frame", disable=None) as bar:
@@ -93,6 +104,8 @@ def run(arguments: argparse.Namespace) -> int:
             bar.update()
     for warning in sequence.warnings():
         sys.stderr.write(f"glrender: warning: {warning}\n")
+    for name, content in exports.items():
+        write_whole(arguments.out / name, content)
     shown = np.unique(np.linspace(0, n_frames - 1, min(n_frames, _ON_SHEET)).astype(int)).tolist()
     sheet = arguments.out / "contact_sheet.png"
     offset = offset_DN(scene.camera(options.camera))
@@ -103,7 +116,25 @@ def run(arguments: argparse.Namespace) -> int:
                     offset)
         written += f"; {arguments.video}"
     sys.stdout.write(f"{arguments.out}: {n_frames} frames, {n_frames - n_there} drawn now; {written}\n")
+    if exports:
+        kinds = dict.fromkeys(re.sub(r"_\d{5}", "_*", name) for name in exports)
+        sys.stdout.write(f"with {', '.join(kinds)}\n")
     return 0
+
+
+def _exports(arguments: argparse.Namespace, scene: Scene, states: list[State], camera: str) -> dict[str, bytes]:
+    """Contents of the files of `--with`, by their names."""
+    if not arguments.exports:
+        return {}
+    ids = {}
+    for word in arguments.ids:
+        name, mark, number = word.rpartition("=")
+        if not mark or not number.lstrip("-").isdecimal():
+            raise ConfigError("--ids", "must be NAME=NUMBER", word)
+        ids[name] = int(number)
+    flight = Flight(states=states, camera=scene.camera(camera), spacecraft=arguments.spacecraft, ids=ids,
+                    radii_m={body.name: body.hull.radius_m for body in scene.bodies})
+    return exports_of(flight, arguments.exports.split(","))
 
 
 def exposure(text: str) -> float | str:
