@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -80,14 +81,21 @@ def test_check_tells_what_is_wrong_with_the_table(tmp_path, capsys, output, mess
 
 
 def test_a_command_draws_what_the_table_asks_for(tmp_path, capsys):
-    """Two frames of NPZ with a product, the seed overridden, and a video that is there after a second sitting too."""
+    """Two frames of NPZ with a product, the seed overridden, and a video that is there after a second sitting too.
+
+    And an OEM, which is not written over if it is another.
+    """
     file = scenario(tmp_path, "camera = 'navcam'\noutput = 'dn'\nformat = 'npz'\nproducts = ['range']\nseed = 5")
     assert main(["check", file]) == 0
     assert "output: npz of DN, camera navcam, products range, seed 5, exposure the camera's" in capsys.readouterr().out
     video = tmp_path / "v.mp4"
-    command = ["sequence", file, "--out", str(tmp_path / "out"), "--seed", "6", "--processes", "1",
+    Path(file).write_text(Path(file).read_text().replace("[time]", '[time]\nstart_tdb = "2029-02-13T12:00:00"'))
+    other = ["--spacecraft", "probe", "--with", "oem"]
+    command = ["sequence", file, *other, "--out", str(tmp_path / "out"), "--seed", "6", "--processes", "1",
                "--video", str(video)]
-    assert main(command) == 0
+    assert main(command) == 0 and "with frames.oem" in capsys.readouterr().out
+    oem = tmp_path / "out" / "frames.oem"
+    assert "OBJECT_NAME = PROBE" in oem.read_text()
     with np.load(tmp_path / "out" / "frame_00001.npz") as stored:
         assert stored["image"].dtype.kind == "u" and "range" in stored
         assert json.loads(str(stored["header"]))["seed"] == seed_of(6, 1)
@@ -97,6 +105,11 @@ def test_a_command_draws_what_the_table_asks_for(tmp_path, capsys):
     assert main(command) == 0 and "2 frames, 0 drawn now" in capsys.readouterr().out
     np.testing.assert_array_equal(frames_of(video), first)
     assert main([*command[:-1], str(tmp_path / "v.avi")]) == 1 and "video: must end in .mp4" in capsys.readouterr().err
+    oem.write_text("another's")
+    assert main(command) == 1 and f"--with: must not write over a file with other contents, got '{oem}'" in (
+        capsys.readouterr().err)
+    assert main([*command, "--with", "pds4"]) == 1 and "must be one of 'oem', 'aem'" in capsys.readouterr().err
+    assert main([*command, "--ids", "probe"]) == 1 and "--ids: must be NAME=NUMBER" in capsys.readouterr().err
 
 
 def frames_of(path):
