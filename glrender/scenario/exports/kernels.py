@@ -16,7 +16,7 @@ from .text_kernels import TICKS_PER_S, Codes
 
 _KM_PER_M = 1e-3
 _SUN = 10
-# Degree of SPK's polynomials: two states, and no others, make each of them, so that holds and manoeuvres stay apart.
+# Degree of SPK's polynomials: each follows from two states alone, so that holds and manoeuvres stay apart.
 _DEGREE = 3
 # Turn [rad] from row to row up to which a CK is interpolated: beyond it quaternions may stand for another turn.
 _MOST_TURN_RAD = 0.5 * np.pi

@@ -20,8 +20,8 @@ log = logging.getLogger(__name__)
 BACKENDS = ("egl", "osmesa")
 INSTALL_HINT = ("install Mesa: `apt-get install libegl1 libegl-mesa0 libgl1 libgl1-mesa-dri` for EGL, "
                 "or `apt-get install libosmesa6` for OSMesa; with a GPU, its driver's EGL library")
-# A device's number that no machine has: the error says how many there are.
-_NO_DEVICE = 10_000
+# EGL devices that are looked at; an error about one beyond says how many there are.
+_MOST_DEVICES = 16
 _LIMITS = {"max_texture_px": "GL_MAX_TEXTURE_SIZE", "max_color_attachments": "GL_MAX_COLOR_ATTACHMENTS",
            "max_uniform_block_bytes": "GL_MAX_UNIFORM_BLOCK_SIZE"}
 
@@ -118,7 +118,8 @@ def _create(backend: str, device_index: int | None) -> moderngl.Context:
             return _create_egl(index)
         except Exception as error:
             found = re.search(r"found (\d+) devices", str(error))
-            if found and index >= int(found[1]) or index >= 16 or not re.search(r"0x3|egl", str(error), re.I):
+            is_last = index >= (int(found[1]) if found else _MOST_DEVICES)
+            if is_last or not re.search(r"0x3|egl", str(error), re.I):
                 raise
             log.debug("EGL device %d: %s", index, error)
             index += 1
@@ -139,7 +140,7 @@ def egl_devices() -> list[dict[str, Any]]:
     """The `info` of each EGL device, in the order of `device_index`, or its `error`; empty without EGL."""
     counted = None
     try:
-        Context("egl", _NO_DEVICE).close()
+        Context("egl", _MOST_DEVICES).close()
     except DeviceError as error:
         counted = re.search(r"found (\d+) devices", str(error))
     found = []
