@@ -61,9 +61,10 @@ def changed_electrons(model: CameraModel, changes_W_m2: np.ndarray, exposure_s: 
 def scatter_electrons(detector: Detector, electrons: np.ndarray, exposure_s: float) -> np.ndarray:
     """Variance (H, W) [e-2] of the charge that is read out of pixels whose mean is known.
 
-    Of photons, dark current, the pixels' own response and offset, read-out and rounding.
+    Of photons, dark current, the pixels' own response, dark current and offset, read-out and rounding.
     """
-    fixed = (detector.dark_rate_electrons_per_s * exposure_s + detector.read_noise_electrons**2
+    dark = detector.dark_rate_electrons_per_s * exposure_s
+    fixed = (dark + (detector.dark_current_nonuniformity * dark) ** 2 + detector.read_noise_electrons**2
              + detector.dark_signal_nonuniformity_electrons**2 + _ROUNDING / detector.gain_DN_per_electron**2)
     return electrons + (detector.photo_response_nonuniformity * electrons) ** 2 + fixed
 
@@ -71,5 +72,19 @@ def scatter_electrons(detector: Detector, electrons: np.ndarray, exposure_s: flo
 def are_full(detector: Detector, electrons: np.ndarray, exposure_s: float) -> np.ndarray:
     """Pixels (H, W) bool that a mean charge fills: to the full well, or the largest digital number."""
     charge = electrons + detector.dark_rate_electrons_per_s * exposure_s
-    largest = (detector.max_DN - detector.offset_DN) / detector.gain_DN_per_electron
+    largest = (largest_ideal_DN(detector) - detector.offset_DN) / detector.gain_DN_per_electron
     return charge >= min(detector.full_well_electrons, largest)
+
+
+def ideal_DN(detector: Detector, dn: np.ndarray) -> np.ndarray:
+    """Digital numbers (...) float64 [DN] as a linear detector would have read them, by the table of a bent one."""
+    if detector.nonlinearity_DN is None:
+        return np.asarray(dn, np.float64)
+    ideal, actual = np.array(detector.nonlinearity_DN).T
+    return np.interp(dn, actual, ideal)
+
+
+def largest_ideal_DN(detector: Detector) -> float:
+    """The same [DN] of the largest number that the detector reads."""
+    pairs = detector.nonlinearity_DN
+    return float(ideal_DN(detector, np.array(min(detector.max_DN, np.inf if pairs is None else np.rint(pairs[-1][1])))))

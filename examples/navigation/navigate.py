@@ -88,7 +88,8 @@ def flown(names: list[str], n_frames: int, size_px: int, subdivisions: int, seed
                 believed, seen = world.state(index * _STEP_S, navigator.r_m, q), frame
                 if estimator.name == "altimeter":
                     seen = truth.range(true, estimator.directions_camera) + _RANGE_SIGMA_M * rng.standard_normal(1)
-                if (found := estimator.measure(seen, believed, board.render)) is not None:
+                found = estimator.measure(seen, believed, board.render)
+                if found is not None and not found.doubt:
                     navigator.update(found, frames.dcm(q))
             error, covariance = np.concatenate([navigator.r_m - r, navigator.v_m_s - v]), navigator.covariance
             rows.append([np.linalg.norm(error[:3]), 3.0 * np.trace(covariance[:3, :3])**0.5,

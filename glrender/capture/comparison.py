@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from glrender_camera import ConfigError, PinholeCamera
 from glrender_camera.camera import checked_exposure
-from glrender_camera.expected import are_full, scatter_electrons
+from glrender_camera.expected import are_full, ideal_DN, largest_ideal_DN, scatter_electrons
 from glrender_camera.validate import within
 
 from ..base.plausible import Advice
@@ -20,6 +20,7 @@ from ..engines.derivatives.information import Readout, checked_unknown
 from ..engines.derivatives.parameters import checked_derivatives
 from ..planner.plan import RenderPlan
 from ..view.state import State
+from .frame_advice import bad_pixel_advice
 from .frame_derivatives import check_still
 from .motion_path import moves
 from .outputs import checked_output
@@ -61,7 +62,7 @@ class Comparison:
     chi2 : float [1]
         r^T W r.
     n_pixels : int
-        Pixels that count: full ones do not.
+        Pixels that count: full and masked ones do not.
     gain : float [1]
         Best factor on the predicted light at this state; 1 where it is known. Where the best is not above zero, as the
         frame's light is elsewhere, it is the factor of the whole frames' light.
@@ -99,7 +100,8 @@ def compare_frame(renderer: Any, state: State, camera: str | None = None, *, fra
                   is_robust: bool = False, **options: Any) -> Comparison:
     """Compare a frame with the one that a state predicts: the normal equations of a fit of the state.
 
-    Predicted are mean digital numbers, without stars, faults and the pixels' own pattern.
+    Predicted are mean digital numbers, without stars, faults and the pixels' own pattern. The table of a bent
+    characteristic is taken off the frame.
 
     Parameters
     ----------
@@ -110,7 +112,7 @@ def compare_frame(renderer: Any, state: State, camera: str | None = None, *, fra
     camera : str, optional
         Name; the scene's only camera by default.
     frame_DN : (height, width) uint8, uint16, float32 or float64 [DN]
-        The camera's frame, or its region `roi`.
+        The camera's frame, or its region `roi`. Pixels that a masked array masks do not count.
     derivatives : iterable of str
         The parameters, as of `Renderer.render`.
     unknown : iterable of str
@@ -151,7 +153,8 @@ def compare_frame(renderer: Any, state: State, camera: str | None = None, *, fra
     still = Drawing(renderer, pinhole, margin_px, True, derivatives=derivatives, **options).still(state)
     predicted = _Predicted(pinhole, margin_px, box, still.irradiance_W_m2, exposure)
     changes, names, units = predicted.changes_DN(still.jacobian, derivatives)
-    fit = _Fit.of(frame - predicted.level_DN, predicted, unknown, blur_px, is_robust)
+    seen_DN = ideal_DN(model.detector, np.minimum(frame, model.detector.max_DN)) - predicted.level_DN
+    fit = _Fit.of(seen_DN, predicted, unknown, blur_px, is_robust)
     rows = [*(fit.gain * fit.blurred(each) for each in changes), *fit.looks]
     columns = np.array([(each * fit.root_weights).ravel() for each in rows]).reshape(len(rows), frame.size)
     rest = (fit.rest * fit.root_weights).ravel()
@@ -162,18 +165,18 @@ def compare_frame(renderer: Any, state: State, camera: str | None = None, *, fra
                       matrix=np.einsum("ip,jp->ij", columns, columns), vector=np.einsum("ip,p->i", columns, rest),
                       chi2=float(np.einsum("p,p->", rest, rest)), n_pixels=int(np.count_nonzero(fit.counts)),
                       gain=fit.gain, offset_DN=fit.offset_DN, exposure_s=predicted.exposure_s, plan=still.plan,
-                      timings_ms=timings, warnings=image_advice(
-                          scene, state, pinhole, still.plan, still.irradiance_W_m2[inner], box))
+                      timings_ms=timings, warnings=(*(() if is_robust else bad_pixel_advice(pinhole)), *image_advice(
+                          scene, state, pinhole, still.plan, still.irradiance_W_m2[inner], box)))
 
 
 def checked_frame(frame_DN: object, shape: tuple[int, int]) -> np.ndarray:
-    """A frame (H, W) float64 [DN] of a shape.
+    """A frame (H, W) float64 [DN] of a shape, with `MAX_DN`, so full, where it is masked.
 
     Raises
     ------
     ConfigError
     """
-    frame = np.asarray(frame_DN)
+    frame = np.asarray(np.ma.filled(frame_DN, 0) if np.ma.isMaskedArray(frame_DN) else frame_DN)
     if frame.dtype.name not in FRAME_DTYPES:
         raise ConfigError("compare", f"must have a dtype out of {', '.join(FRAME_DTYPES)}", frame.dtype.name,
                           "give the camera's digital numbers")
@@ -182,8 +185,9 @@ def checked_frame(frame_DN: object, shape: tuple[int, int]) -> np.ndarray:
                           frame.shape, "give the frame of this camera, or roi, the part of it that this is")
     if n_odd := np.count_nonzero(~(np.abs(frame.astype(np.float64)) <= MAX_DN)):
         raise ConfigError("compare", f"must have finite numbers within {MAX_DN:g} DN", f"{n_odd} pixels that have none",
-                          "give lost pixels the camera's largest digital number: full pixels do not count")
-    return frame.astype(np.float64)
+                          "mask lost pixels by numpy.ma, or give them the camera's largest digital number: neither "
+                          "count")
+    return np.where(np.ma.getmaskarray(frame_DN), MAX_DN, frame.astype(np.float64))
 
 
 def _checked_exposure(exposure_s: object, camera: PinholeCamera, unknown: Sequence[str]) -> Any:
@@ -239,7 +243,7 @@ class _Predicted:
         """Pixels (h, w) that are full in the predicted frame, or in one that is seen above the level."""
         detector = self._detector
         full = detector.full_well_electrons - _UNDER_FULL * detector.read_noise_electrons
-        largest = min(detector.max_DN, int(detector.offset_DN + self._gain_DN * full))
+        largest = min(largest_ideal_DN(detector), int(detector.offset_DN + self._gain_DN * full))
         return (seen_DN + self.level_DN >= largest) | are_full(detector, gain * self._electrons, self.exposure_s)
 
 

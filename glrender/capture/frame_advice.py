@@ -63,6 +63,18 @@ def frame_notes(asked: float | str, frame: Frame) -> tuple[Advice, ...]:
     return (Advice("exposure", "exposure_s", f"automatic exposure of {frame.exposure_s:.4g} s"),)
 
 
+def bad_pixel_advice(camera: PinholeCamera) -> tuple[Advice, ...]:
+    """A warning of single pixels of a camera of one band that no predicted frame has."""
+    detector = camera.model.detector
+    kinds = {"hot pixels": detector.hot_pixel_fraction * detector.hot_pixel_electrons_per_s,
+             "dead pixels": detector.dead_pixel_fraction, "cosmic rays": detector.cosmic_ray_hits_per_px_s}
+    if not (found := [name for name, amount in kinds.items() if amount > 0.0]):
+        return ()
+    return (Advice("bad_pixels", "is_robust", (
+        f"the camera has {' and '.join(found)}, which the predicted frame has not: they pull the fit, and chi2 rises "
+        "with the exposure; ask for a robust comparison, or mask them")),)
+
+
 def _saturation(scene: Scene, camera: PinholeCamera, frame: Frame, part: np.ndarray, roi: tuple[int, int, int, int],
                 has_stars: bool, has_sun: bool) -> list[Advice]:
     x0, y0, x1, y1 = roi

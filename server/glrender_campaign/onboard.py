@@ -32,7 +32,7 @@ class OnBoard:
 
     def __init__(self, estimator: Estimator, navigator: Navigator, render: Callable[..., Any]):
         self._estimator, self._navigator, self._render = estimator, navigator, render
-        self.is_accepted = False
+        self.is_accepted, self._doubt = False, ""
 
     @property
     def r_m(self) -> np.ndarray:
@@ -46,8 +46,8 @@ class OnBoard:
 
     @property
     def reason(self) -> str:
-        """Why the last frame gave no measurement; empty after one."""
-        return self._estimator.reason
+        """Why the last frame gave no measurement, or one that is not taken in; empty after one that may be."""
+        return self._estimator.reason or self._doubt
 
     def take(self, frame: np.ndarray, believed: Any) -> Measurement | None:
         """Measure a frame and take the measurement in.
@@ -61,7 +61,8 @@ class OnBoard:
         """
         self.is_accepted = False
         found = self._estimator.measure(frame, believed, self._render)
-        if found is not None:
+        self._doubt = "" if found is None else found.doubt
+        if found is not None and not found.doubt:
             camera = self._estimator.camera
             here = sight(believed, camera, self._estimator.body.name)
             pose = np.asarray(believed.spacecraft.r_inertial_m)

@@ -45,11 +45,11 @@ class Compared:
                 raise ProtocolError(found[0], "belongs to `compare`: images of derivatives are not sent",
                                     table[found[0]], "leave it out")
             return None
+        if table.get("output", "dn") != "dn":
+            raise ConfigError("output", "must be 'dn', or left out, with `compare`", table["output"])
         if found := [name for name in _WITHOUT if name in table]:
             raise ProtocolError(found[0], "does not go with `compare`, whose reply has no image", table[found[0]],
                                 "leave it out")
-        if table.get("output", "dn") != "dn":
-            raise ConfigError("output", "must be 'dn', or left out, with `compare`", table["output"])
         fields = known_keys("compare", table["compare"], _KEYS, required=("pixels", "dtype", "shape"))
         if not isinstance(fields.get("robust", False), bool):
             raise ConfigError("compare.robust", "must be true or false", fields["robust"])

@@ -14,7 +14,7 @@ from glrender_campaign.believed_side import onboard_scene, render_of
 from glrender_campaign.campaign_file import load_campaign
 from glrender_campaign.flight import fly
 from glrender_campaign.onboard import OF_FRAMES, OnBoard
-from glrender_navigation import Estimator
+from glrender_navigation import BelievedBody, Camera, Estimator, Measurement, Navigator
 
 TIMES = ("processor_s", "frame_ms", "on_board_ms")
 
@@ -120,6 +120,20 @@ def test_a_flight_that_never_measures_the_body_has_lost_it(campaign_file, monkey
     result = flown(*of_one(campaign_file, "estimator = ['blind']"))
     assert (result["status"], result["accepted"]) == ("lost", 0) and result["error_over_range"]["last"] < 0.1
     assert result["reason"] == "none of the last 4 frames gave a measurement that the filter accepted" + told
+
+
+@pytest.mark.parametrize("doubt", ["", "the believed shape may be wrong"])
+def test_a_doubtful_measurement_is_left_out_and_its_doubt_is_the_reason(doubt):
+    camera, body = Camera(width_px=8, height_px=8, focal_length_px=100.0), BelievedBody(name="rock", mean_radius_m=1.0)
+    found = replace(Measurement.of_place(camera, np.array([0.0, 0.0, 1001.0]), np.eye(3)), doubt=doubt)
+    estimator = SimpleNamespace(camera=camera, body=body, reason="", measure=lambda *given: found)
+    navigator = Navigator([0.0, 0.0, -1000.0], np.zeros(3), sigma_r_m=1.0, sigma_v_m_s=1e-3)
+    board = OnBoard(estimator, navigator, None)
+    state = State(r_sun_inertial_m=[1.5e11, 0.0, 0.0], spacecraft=Pose(r_inertial_m=[0.0, 0.0, -1000.0]),
+                  bodies={"rock": Pose(r_inertial_m=np.zeros(3))})
+    assert board.take(np.zeros((8, 8), np.uint16), state) is found
+    assert (board.is_accepted, board.reason) == (not doubt, doubt)
+    assert board.r_m[2] == pytest.approx(-1000.0 if doubt else -1000.5)
 
 
 def test_faults_are_the_scenes_own_unless_the_axis_says_others(campaign_file, tmp_path):

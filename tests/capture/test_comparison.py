@@ -99,8 +99,14 @@ def test_a_part_of_the_frame_is_compared_as_the_whole_is_there(renderer):
     full[:y0], full[y1:], full[:, :x0], full[:, x1:] = 4095, 4095, 4095, 4095
     whole = compare_frame(renderer, STATE, frame_DN=full, unknown=())
     assert part.n_pixels == whole.n_pixels == (x1 - x0) * (y1 - y0)  # full pixels do not count
-    np.testing.assert_allclose(part.matrix, whole.matrix, rtol=1e-12)
-    np.testing.assert_allclose(part.chi2, whole.chi2, rtol=1e-12)
+    masked = np.ma.masked_array(frame.astype(float), mask=np.ones((40, 40), bool))
+    masked.mask[y0:y1, x0:x1] = False
+    masked.data[masked.mask] = np.nan
+    hidden = compare_frame(renderer, STATE, frame_DN=masked, unknown=())
+    for other in (whole, hidden):
+        np.testing.assert_allclose(part.matrix, other.matrix, rtol=1e-12)
+        np.testing.assert_allclose(part.chi2, other.chi2, rtol=1e-12)
+    assert hidden.n_pixels == part.n_pixels
 
 
 def test_pixels_that_no_model_explains_pull_less_where_it_is_robust(renderer):
@@ -141,6 +147,33 @@ def test_wells_that_are_full_below_the_largest_number_do_not_count(renderer):
     assert abs(found.gain - 1.0) < 0.01 and found.chi2 / found.n_pixels < 2.0, (found.gain, found.chi2)
 
 
+@pytest.mark.parametrize("fields", [
+    {"dark_current_nonuniformity": 0.2, "dark_current_electrons_per_s": 1e4},
+    {"nonlinearity_DN": ((0.0, 0.0), (2000.0, 2000.0), (4095.0, 3500.4))},
+    {"nonlinearity_DN": ((0.0, 0.0), (1000.0, 1100.0), (6000.0, 5500.0)), "photo_response_nonuniformity": 0.01}])
+def test_at_50_times_the_exposure_residuals_are_of_the_noise_that_is_predicted(fields):
+    """Also of dark currents that differ from pixel to pixel, and of a bent characteristic."""
+    with Renderer(views.scene([BODY], [camera(replace(NOISY, **fields))], sun_disc=False, max_error=0.005)) as renderer:
+        frame = take_frame(renderer, STATE, seed=5, exposure_s=0.2, derivatives=["sun"]).frame
+        found = compare_frame(renderer, STATE, frame_DN=frame.dn, exposure_s=0.2)
+    assert np.count_nonzero(frame.saturated) > 300
+    assert abs(found.chi2 / found.n_pixels - 1.0) < 4.0 * np.sqrt(2.0 / found.n_pixels), found.chi2 / found.n_pixels
+    assert abs(found.gain - 1.0) < 0.005 and not [each for each in found.warnings if each.code == "bad_pixels"]
+
+
+@pytest.mark.parametrize("fields", [{"dead_pixel_fraction": 0.01}, {"cosmic_ray_hits_per_px_s": 0.01},
+                                    {"hot_pixel_fraction": 0.01, "hot_pixel_electrons_per_s": 1e4}])
+def test_pixels_that_no_prediction_has_are_warned_of_or_weigh_little(fields):
+    with Renderer(views.scene([BODY], [camera(replace(NOISY, **fields))], sun_disc=False, max_error=0.005)) as renderer:
+        frame = take_frame(renderer, STATE, seed=5, exposure_s=0.2, derivatives=["sun"]).frame.dn
+        plain, robust = (compare_frame(renderer, STATE, frame_DN=frame, exposure_s=0.2, is_robust=each)
+                         for each in (False, True))
+    assert plain.chi2 / plain.n_pixels > 10.0 and robust.chi2 < 0.2 * plain.chi2
+    assert abs(robust.gain - 1.0) < 0.005
+    assert [[each.path for each in found.warnings if each.code == "bad_pixels"] for found in (plain, robust)] == [
+        ["is_robust"], []]
+
+
 @pytest.mark.parametrize("blur_px", [0.0, 3.0])
 def test_a_frame_without_the_bodys_light_or_with_none_that_counts(renderer, blur_px):
     """Even numbers: a level explains all but the predicted light; full ones do not count."""
@@ -153,7 +186,7 @@ def test_a_frame_without_the_bodys_light_or_with_none_that_counts(renderer, blur
 @pytest.mark.parametrize(("options", "path", "text"), [
     ({"frame_DN": np.zeros((40, 39))}, "compare", r"shape \(40, 40\).*roi"),
     ({"frame_DN": np.zeros((40, 40), np.int64)}, "compare", "uint16.*int64"),
-    ({"frame_DN": np.full((40, 40), np.nan)}, "compare", "finite.*1600 pixels.*full pixels"),
+    ({"frame_DN": np.full((40, 40), np.nan)}, "compare", "finite.*1600 pixels.*mask lost pixels"),
     ({"derivatives": ["spacecaft"]}, "derivatives[0]", "spacecraft"),
     ({"unknown": ["gian"]}, "unknown[0]", "gain"),
     ({"unknown": ["gain", "gain"]}, "unknown[1]", "once"),

@@ -86,6 +86,23 @@ def test_attitude_and_place_of_a_camera_on_an_arm(world, near):
     assert error @ np.linalg.solve(found.pose_covariance, error) < 25.0
 
 
+def test_a_wrong_match_says_so_and_a_right_one_does_not(world, near):
+    """The body is believed to be turned by 20 degrees, which no place explains."""
+    _, camera, body, side, _ = near
+    true, believed = next(iter(world.views(N_VIEWS)))
+    frame = side.render(true, output="dn", exposure_s="auto", derivatives=["sun"]).pixels
+    estimator, wrong = AllPixels(camera, replace(body, shape_error_m=None)), believed.to_dict()
+    turn = Rotation.from_rotvec(np.radians([20.0, 0.0, 0.0]))
+    pose = wrong["bodies"]["body"]
+    pose["q_from_inertial"] = (turn * Rotation.from_quat(pose["q_from_inertial"], scalar_first=True)).as_quat(
+        scalar_first=True)
+    right, found = (estimator.measure(frame, each, side.render) for each in (believed, wrong))
+    assert right.doubt == "" and "attitude" in found.doubt, (right.doubt, found.doubt, estimator.reason)
+    error_m, covariance_m2 = errors(found, true, camera)
+    shape_m2 = right.covariance_m2
+    assert error_m @ np.linalg.solve(shape_m2, error_m) > 100.0 > error_m @ np.linalg.solve(covariance_m2, error_m)
+
+
 @pytest.mark.slow
 def test_a_coarser_shape_is_worth_as_much_as_templates_make_of_it(world):
     """The frames and beliefs of examples/navigation, of a sixteenth of the facets: the covariance has the shape's."""

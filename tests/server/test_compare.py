@@ -131,6 +131,37 @@ def test_a_client_refuses_what_no_header_holds():
         render_fields(STATE.to_dict(), compare=np.zeros((1024, 1024), np.uint16))
 
 
+@pytest.mark.parametrize(("fields", "message"), [
+    ({"blur_px": 2.0}, "blur_px belongs to compare, got 2.0: give the frame"),
+    ({"robust": True}, "robust belongs to compare, got True: give the frame"),
+    ({"blur_px": -1.0, "output": "dn"}, "blur_px belongs to compare, got -1.0")])
+def test_a_client_refuses_settings_of_a_comparison_without_a_frame(fields, message):
+    for ask in (lambda: render_fields(STATE.to_dict(), **fields), lambda: frames_fields(STATE.to_dict(), [fields])):
+        with pytest.raises(ValueError, match=message):
+            ask()
+
+
+def test_a_clients_settings_of_a_comparison_reach_the_server(served, frame):
+    """Those that are wrong are refused there, and none is dropped."""
+    assert "output" not in render_fields(STATE.to_dict(), **ASK, compare=frame, output="dn")
+    for fields, path in (({"output": "compressed"}, "output"), ({"robust": "no"}, "compare.robust"),
+                         ({"blur_px": -1.0}, "compare.blur_px"), ({"products": ["range"]}, "products")):
+        with pytest.raises(ServerError) as caught:
+            read(answer(served, render_fields(STATE.to_dict(), **ASK, compare=frame, **fields)))
+        assert caught.value.path == path
+
+
+@pytest.mark.parametrize("dtype", ["uint8", "uint16", "float32"])
+def test_masked_pixels_do_not_count(served, frame, dtype):
+    masked = np.ma.masked_array((frame // 16).astype(dtype), mask=np.zeros(frame.shape, bool))
+    masked[10:20, 30:50] = np.ma.masked
+    found = read(answer(served, render_fields(STATE.to_dict(), **ASK, compare=masked))).comparison
+    with open_renderer(Scene.from_dict(TABLE)) as renderer:
+        own = compare_frame(renderer, STATE, "navcam", frame_DN=masked, exposure_s=2e-7)
+    assert found.n_pixels == own.n_pixels == 96 * 64 - 200
+    assert np.array_equal(found.matrix, own.matrix) and found.chi2 == own.chi2
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("workers", [1, 2])
 def test_a_filter_updates_by_a_real_servers_replies(tmp_path, frame, workers):

@@ -18,6 +18,8 @@ PROTOCOL_VERSION = 1
 _OF_A_SCENE = ("render", "range")
 MAX_COMPARE_BYTES = 1_000_000
 """Pixels of a frame that is compared [byte]: a request's header may have 1 MiB, with its state."""
+# Largest number of a frame that is compared [DN], as the server takes it.
+_FULL_DN = 1e9
 # Outputs with noise, which a seed belongs to.
 _NOISY = ("dn", "compressed")
 
@@ -188,14 +190,23 @@ def frame_fields(camera: str | None = None, *, output: str = "irradiance", expos
                 "derivatives": None if derivatives is None else list(derivatives),
                 "unknown": None if unknown is None else list(unknown)}
     given = {name: value for name, value in optional.items() if value is not None}
+    how = {"blur_px": blur_px, "robust": robust}
+    how = {name: value for name, value in how.items() if value is not False and value != 0.0}
     if compare is None:
+        for name, value in how.items():
+            raise ValueError(f"{name} belongs to compare, got {value!r}: give the frame, or leave it out")
         return {"output": output, **given}
-    return {**given, "compare": {**_packed(compare), **({"blur_px": blur_px} if blur_px else {}),
-                                 **({"robust": True} if robust else {})}}
+    if output not in ("irradiance", "dn"):  # which the server refuses
+        given["output"] = output
+    return {**given, "compare": {**_packed(compare), **how}}
 
 
 def _packed(frame: np.ndarray) -> dict[str, Any]:
-    """A frame as `compare` has it."""
+    """A frame as `compare` has it: full, which does not count, where it is masked."""
+    if np.ma.isMaskedArray(frame):
+        # Of more than the camera's bits.
+        frame = frame.astype(np.uint16) if frame.dtype == np.uint8 else frame
+        frame = frame.filled(np.iinfo(frame.dtype).max if frame.dtype.kind in "ui" else _FULL_DN)
     frame = np.asarray(frame)
     if frame.nbytes > MAX_COMPARE_BYTES:
         raise ValueError(f"compare must have at most {MAX_COMPARE_BYTES} bytes, got {frame.nbytes}: give a region of "

@@ -52,6 +52,8 @@ class Measurement:
         Covariance of small turns of the body about its origin, along the axes of `camera`, and of `r_camera_m`.
     is_by_size : bool
         Whether the range is of the body's apparent size, so that it errs as the believed size does.
+    doubt : str
+        Why the place may be of a wrong match; empty where nothing speaks against it, and of methods that cannot tell.
     """
 
     direction_camera: np.ndarray
@@ -64,6 +66,7 @@ class Measurement:
     q_camera_from_body: np.ndarray | None = None
     pose_covariance: np.ndarray | None = None
     is_by_size: bool = True
+    doubt: str = ""
 
     @classmethod
     def of_center(cls, camera: Camera, center_px: np.ndarray, sigma_px: float, range_m: float | None = None,
@@ -157,11 +160,14 @@ class Estimator:
                   render: Callable[..., Any]) -> Measurement:
         raise NotImplementedError
 
-    def placed(self, place_m: np.ndarray, covariance_m2: np.ndarray) -> Measurement:
-        """A measurement against the believed shape, whose own error counts too: in place, and in size for the range."""
+    def placed(self, place_m: np.ndarray, covariance_m2: np.ndarray, excess: float = 1.0) -> Measurement:
+        """A measurement against the believed shape, whose own error counts too: in place, and in size for the range.
+
+        `excess` [1] is the variance of the shape's error over the believed one.
+        """
         range_m = float(np.linalg.norm(place_m))
         along = np.outer(place_m, place_m) / range_m**2
-        across_m2 = self.body.shape_error_m**2 / N_STRETCHES
+        across_m2 = excess * self.body.shape_error_m**2 / N_STRETCHES
         along_m2 = across_m2 * (range_m / self.body.mean_radius_m)**2
         return Measurement.of_place(self.camera, place_m,
                                     covariance_m2 + across_m2 * (np.eye(3) - along) + along_m2 * along)
