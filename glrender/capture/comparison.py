@@ -176,7 +176,10 @@ def checked_frame(frame_DN: object, shape: tuple[int, int]) -> np.ndarray:
     ------
     ConfigError
     """
-    frame = np.asarray(np.ma.filled(frame_DN, 0) if np.ma.isMaskedArray(frame_DN) else frame_DN)
+    is_masked: Any = False
+    if isinstance(frame_DN, np.ma.MaskedArray):
+        is_masked, frame_DN = np.ma.getmaskarray(frame_DN), frame_DN.filled(0)
+    frame = np.asarray(frame_DN)
     if frame.dtype.name not in FRAME_DTYPES:
         raise ConfigError("compare", f"must have a dtype out of {', '.join(FRAME_DTYPES)}", frame.dtype.name,
                           "give the camera's digital numbers")
@@ -187,7 +190,7 @@ def checked_frame(frame_DN: object, shape: tuple[int, int]) -> np.ndarray:
         raise ConfigError("compare", f"must have finite numbers within {MAX_DN:g} DN", f"{n_odd} pixels that have none",
                           "mask lost pixels by numpy.ma, or give them the camera's largest digital number: neither "
                           "count")
-    return np.where(np.ma.getmaskarray(frame_DN), MAX_DN, frame.astype(np.float64))
+    return np.where(is_masked, MAX_DN, frame.astype(np.float64))
 
 
 def _checked_exposure(exposure_s: object, camera: PinholeCamera, unknown: Sequence[str]) -> Any:

@@ -203,10 +203,10 @@ def frame_fields(camera: str | None = None, *, output: str = "irradiance", expos
 
 def _packed(frame: np.ndarray) -> dict[str, Any]:
     """A frame as `compare` has it: full, which does not count, where it is masked."""
-    if np.ma.isMaskedArray(frame):
+    if isinstance(frame, np.ma.MaskedArray):
         # Of more than the camera's bits.
-        frame = frame.astype(np.uint16) if frame.dtype == np.uint8 else frame
-        frame = frame.filled(np.iinfo(frame.dtype).max if frame.dtype.kind in "ui" else _FULL_DN)
+        dtype = np.dtype(np.uint16) if frame.dtype == np.uint8 else frame.dtype
+        frame = np.ma.filled(frame.astype(dtype), np.iinfo(dtype).max if dtype.kind in "ui" else _FULL_DN)
     frame = np.asarray(frame)
     if frame.nbytes > MAX_COMPARE_BYTES:
         raise ValueError(f"compare must have at most {MAX_COMPARE_BYTES} bytes, got {frame.nbytes}: give a region of "
