@@ -9,6 +9,8 @@ import re
 from pathlib import Path
 
 import pytest
+from glrender import Body, PinholeCamera, generate
+from glrender.brdf import Lambert
 from glrender_cli.__main__ import main
 from glrender_cli.credibility import checks
 from glrender_cli.credibility.checks import Check
@@ -43,12 +45,26 @@ def test_known_faults_are_the_documents():
 
 def test_a_sphere_and_noise_hold(monkeypatch):
     """The quick checks; a law of another albedo or a detector of another gain fails them."""
-    found = [*checks._sphere("auto"), checks._noise()]
-    assert len(found) == 4 and all(each.holds for each in found), found
+    found = [*checks._sphere("auto"), *checks._facets("auto"), checks._noise()]
+    assert len(found) == 6 and all(each.holds for each in found), found
     monkeypatch.setattr(checks, "RANGE_M", 1.01 * checks.RANGE_M)
     monkeypatch.setattr(checks, "_state", lambda phase_deg, body, range_m, state=checks._state: state(
         phase_deg, body, range_m / 1.01))
     assert not next(checks._sphere("auto")).holds
+
+
+def test_the_light_of_facets_is_a_spheres():
+    """Closed forms: Lambert's sphere, its light centred at 3 pi / 16 of the radius times a law of phase, to 1e-4."""
+    body = Body(name="body", shape=generate.icosphere(radius_m=checks.RADIUS_M, subdivisions=6),
+                brdf=Lambert(normal_albedo=0.3))
+    camera = PinholeCamera(name="camera", width_px=128, height_px=128, focal_length_px=5.0e6)
+    for phase_deg in checks.PHASES_DEG:
+        g = math.radians(phase_deg)
+        law = math.sin(g) + (math.pi - g) * math.cos(g)
+        flux, place_px = checks._light_of_facets(body, camera, checks._state(phase_deg, "body", checks.RANGE_M))
+        assert flux == pytest.approx(0.2 * law / math.pi * (checks.RADIUS_M / checks.RANGE_M)**2, rel=3e-4)
+        offset_px = 50.0 * 3.0 * math.pi / 16.0 * math.sin(g) * (1.0 + math.cos(g)) / law
+        assert list(place_px - 63.5) == pytest.approx([offset_px, 0.0], abs=50.0 * 1e-4)
 
 
 @pytest.mark.slow
