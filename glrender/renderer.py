@@ -81,7 +81,7 @@ class Renderer:
             meshes = [stack.enter_context(body_mesh(self._context, body)) for body in scene.bodies]
             rays = coverage = None
             try:
-                rays = RayEngine(scene)
+                rays = RayEngine(self.scene)
                 stack.callback(rays.close)
                 coverage = CoverageEngine(scene, rays)
                 stack.callback(coverage.close)
@@ -95,6 +95,9 @@ class Renderer:
                 solid=None if rays is None else rays.solid(body.name),
                 facets=None if coverage is None else coverage.facets(body.name))
                 for index, (body, mesh) in enumerate(zip(scene.bodies, meshes, strict=True))}
+            self._wholes = {} if rays is None or coverage is None else {
+                body.name: (rays.solid(body.name), coverage.facets(body.name)) for body in rays.wholes
+                if body.name not in self._bodies}
             self._left_out = between_walls(self.scene)
             self._shadows = Shadows(self._context, scene, self._bodies)
             stack.callback(self._shadows.close)
@@ -124,8 +127,9 @@ class Renderer:
     def info(self) -> dict[str, Any]:
         """The OpenGL that was found: backend, gl_renderer, gl_version, limits; the engines; the memory of each body."""
         memory_bytes = self._parts.memory_bytes({name: body.memory_bytes for name, body in self._bodies.items()})
-        for name, mesh in ({} if self._rays is None else self._rays.bodies_of_parts).items():
-            memory_bytes[name]["rays"] += own_bytes(mesh)
+        for name, (solid, facets) in self._wholes.items():
+            memory_bytes[name]["rays"] += own_bytes(solid)
+            memory_bytes[name]["coverage"] += own_bytes(facets)
         return {**self._context.info, "engines": self._engines, "memory_bytes": memory_bytes}
 
     @property

@@ -28,7 +28,7 @@ class Surface:
     @property
     def is_even(self) -> bool:
         """Whether a facet in sunlight is as bright all over, where no surface detail is drawn."""
-        return not self.body.smooth_normals and self.body.albedo_map is None
+        return not self.body.smooth_normals and all(part.albedo_map is None for part in self.body.parts)
 
     @cached_property
     def _facets(self) -> np.ndarray:
@@ -90,10 +90,17 @@ class Surface:
         row = lambda k: (1.0 - along) * texture[k, left % width] + along * texture[k, (left + 1) % width]  # noqa: E731
         return (1.0 - down) * row(top) + down * row(below)
 
-    def brdf(self, to_sun: np.ndarray, to_camera: np.ndarray, normal: np.ndarray,
-             albedo_scale: np.ndarray) -> np.ndarray:
-        """BRDF (N,) [1/sr] with the law's albedo scaled and held within 0..1."""
+    def brdf(self, to_sun: np.ndarray, to_camera: np.ndarray, normal: np.ndarray, albedo_scale: np.ndarray,
+             facet: np.ndarray | None = None) -> np.ndarray:
+        """BRDF (N,) [1/sr] with the law's albedo scaled and held within 0..1; of a body of materials by facets (N,)."""
         law = self.body.brdf
+        if law is None:
+            value, looks = np.zeros(len(normal)), self.body.looks.take(facet)
+            for look, part in zip(np.unique(self.body.looks), self.body.parts, strict=True):
+                some = np.flatnonzero(looks == look)
+                value[some] = Surface(part).brdf(*(each[some] for each in (
+                    np.broadcast_to(to_sun, normal.shape), to_camera, normal, albedo_scale)))
+            return value
         if self.body.albedo_map is None:
             return law.brdf(to_sun, to_camera, normal)
         name = albedo_name(law)

@@ -55,7 +55,7 @@ class CoverageEngine:
     def __init__(self, scene: Scene, rays: RayEngine):
         self._scene, self._rays, self._brdf_tables = scene, rays, BrdfTables()
         # Uneven ones show what samples miss; large shapes have facets far smaller than their thinnest parts.
-        self._facets = {body.name: FacetTables(body, rays.solid(body.name)) for body in scene.bodies
+        self._facets = {body.name: FacetTables(body, rays.solid(body.name)) for body in rays.wholes
                         if Surface(body).is_even or len(body.drawn_shape.facets) < FEWEST_CENTROIDS}
 
     def facets(self, name: str) -> FacetTables | None:
@@ -88,6 +88,10 @@ class CoverageEngine:
         is_only : bool
             No other engine draws penumbras: points of the Sun's disc do, however few.
         """
+        names, views = self._wholes(names, views)
+        # Of a body that is in view by parts some may be behind the camera.
+        if any(view.bounds_px is None for view in views if view.name in names):
+            return CoverageImage.dark(cells, NOTHING_DRAWN)
         looked = self._look(names, views, cells, budget, self._scene.sun_disc)
         penumbra = looked.penumbra.judged
         n_points, share = sun_points(penumbra, budget.tolerance)
@@ -134,7 +138,7 @@ class CoverageEngine:
 
         None where a body has many uneven facets, or is not wholly before the camera.
         """
-        members = self._members(names, views)
+        members = self._members(*self._wholes(names, views))
         return None if members is None else _may_be_lit(members, cells, self._scene.sun_disc)
 
     def sampling_errors(self, names: Sequence[str], views: list[BodyView], cells: ImageCells
@@ -143,10 +147,15 @@ class CoverageEngine:
 
         None are known behind a lens, and of bodies of many facets with a texture or smooth normals.
         """
+        names, views = self._wholes(names, views)
         members = self._members(names, views)
         if members is None or cells.camera.lens_map is not None:
             return lambda count: np.zeros(cells.shape)
         return SampledAreas(members, views, cells, self._scene.solar_irradiance_of(cells.camera), self._rays).errors
+
+    def _wholes(self, names: Sequence[str], views: list[BodyView]) -> tuple[Sequence[str], list[BodyView]]:
+        """Names and views with bodies in place of their parts."""
+        return tuple(map(self._rays.whole, names)), list(self._rays.blockers(views))
 
     def _members(self, names: Sequence[str], views: list[BodyView]) -> list[tuple[FacetTables, BodyView]] | None:
         """Tables and views of bodies that are seen and wholly before the camera, or None where one has none."""

@@ -88,7 +88,7 @@ class FacetRadiance:
         """Radiance (N,) of facets (N,) in directions (3, N)."""
         facets, view = self._facets, self._view
         brdf = facets.surface.brdf(view.sun_direction_body, to_camera.T, facets.shading_normal.take(facet, axis=1).T,
-                                   facets.albedo_scale.take(facet))
+                                   facets.albedo_scale.take(facet), facets.number.take(facet))
         return brdf * self._cos_incidence.take(facet) / view.sun_distance_au**2
 
     def _compute(self, facet: np.ndarray) -> None:

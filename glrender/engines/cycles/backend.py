@@ -200,7 +200,7 @@ class Cycles:
 
     def _ray_engine(self) -> RayEngine:
         if self._rays is None:
-            self._rays = RayEngine(self._drawn)
+            self._rays = RayEngine(self.scene)
         return self._rays
 
     def _start(self) -> None:

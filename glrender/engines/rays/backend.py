@@ -67,7 +67,7 @@ class RayTracer:
 
     def __init__(self, scene: Scene):
         self._own, self.scene, self._parts = OwnProcess(), scene, Parts(scene)
-        self._engine, self._left_out = RayEngine(self._parts.drawn), between_walls(scene)
+        self._engine, self._left_out = RayEngine(scene), between_walls(scene)
         self._emitted = Emitted(self._parts.drawn, lambda: self._engine)
 
     def __enter__(self) -> RayTracer:

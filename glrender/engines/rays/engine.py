@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import operator
 import threading
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -22,7 +22,6 @@ from ...scene.body import owner
 from ...scene.lamp import ALL_ROUND_DEG, Lamp
 from ...scene.scene import Body, Scene
 from ...scene.shape.facet_blocks import FacetBlocks
-from ...scene.shape.facet_geometry import joined
 from ...scene.surface import Surface
 from ...view.view import FINE_FOOTPRINT, BodyView, between, lamp_in
 from .exact_loops import ALL_SIDES, FACING, TURNED
@@ -68,6 +67,13 @@ class RayEngine:
     ----------
     scene : Scene
 
+    Attributes
+    ----------
+    scene : Scene
+        Of its bodies' parts, as views are.
+    wholes : tuple of Body
+        Its bodies, or the part of one that has no other.
+
     Raises
     ------
     DeviceError
@@ -75,25 +81,15 @@ class RayEngine:
     """
 
     def __init__(self, scene: Scene):
-        self.scene = scene
-        self._solids = {body.name: _Solid(body) for body in scene.bodies}
-        self._bodies_of_parts = {}
-        for name in {owner(body.name): None for body in scene.bodies if owner(body.name) != body.name}:
-            parts = [self._solids[body.name] for body in scene.bodies if owner(body.name) == name]
-            self._bodies_of_parts[name] = RayMesh(*joined((part.vertices_m, part.facets) for part in parts),
-                                                  has_backs=True)
+        self.scene, self.wholes = scene.of_parts, tuple(map(_whole, scene.bodies))
+        self._solids = {body.name: _Solid(body) for body in dict.fromkeys((*self.wholes, *self.scene.bodies))}
         self._blockers_of: tuple[tuple[BodyView, ...], list[BodyView]] = ((), [])
         self._near: dict[str, NearMesh] = {}
         self._lock = threading.Lock()
 
     def solid(self, name: str) -> RayMesh:
-        """A body's full shape."""
+        """The full shape of a body or a part."""
         return self._solids[name]
-
-    @property
-    def bodies_of_parts(self) -> Mapping[str, RayMesh]:
-        """The whole shapes of bodies of several parts."""
-        return self._bodies_of_parts
 
     def near_bytes(self, views: Iterable[BodyView]) -> int:
         """Memory [byte] of the facets near a frame's camera: `NearMesh.memory_bytes`."""
@@ -103,7 +99,6 @@ class RayEngine:
     def close(self) -> None:
         """Release the acceleration structures."""
         self._solids.clear()
-        self._bodies_of_parts.clear()
         self._near.clear()
 
     def irradiance(self, pixel: np.ndarray, camera: PinholeCamera, views: list[BodyView],
@@ -227,7 +222,7 @@ class RayEngine:
         """
         found, by, own = np.full(len(facet), np.inf), np.full(len(facet), -1), self._mesh(view)
         above = r_body_m + own.lift_m(r_body_m, facet, LIFT) * own.normals.take(facet, axis=0).T
-        for other in self._blockers(views):
+        for other in self.blockers(views):
             turn, shift_m = between(view, other)
             rays = np.broadcast_to(turn @ towards, above.shape)
             hits = self._mesh(other).first(turn @ above + shift_m[:, None], rays, sides)
@@ -348,25 +343,27 @@ class RayEngine:
             nearest[place], body[place] = hits.distance_m[nearer], index
         return [(index, hits.at(np.flatnonzero(body[hits.place] == index))) for index, hits in met]
 
-    def _blockers(self, views: Sequence[BodyView]) -> Sequence[BodyView]:
+    def blockers(self, views: Sequence[BodyView]) -> Sequence[BodyView]:
         """Views of what may be in a ray's way: of a body of parts the whole, met once, by its finest view."""
-        if not self._bodies_of_parts:
+        if len(self.wholes) == len(self.scene.bodies):
             return views
         known, made = self._blockers_of
         if len(known) == len(views) and all(map(operator.is_, known, views)):
             return made
-        by_name: dict[str, BodyView] = {}
+        by_name: dict[str, list[BodyView]] = {}
         for view in views:
-            name = owner(view.name)
-            if name not in by_name or view.footprint_m < by_name[name].footprint_m:
-                by_name[name] = view if name == view.name else replace(view, name=name)
-        made = list(by_name.values())
+            by_name.setdefault(self.whole(view.name), []).append(view)
+        made = [some[0] if some[0].name == name else _joined(name, some) for name, some in by_name.items()]
         self._blockers_of = tuple(views), made
         return made
 
+    def whole(self, name: str) -> str:
+        """The name of what rays meet of a body or a part: the part itself where its body has no other."""
+        return owner(name) if owner(name) in self._solids else name
+
     def _mesh(self, view: BodyView) -> RayMesh:
         """A body's full shape, for a camera so near that its own float32 coordinates may be too coarse for pixels."""
-        solid = self._solids.get(view.name) or self._bodies_of_parts[view.name]
+        solid = self._solids[view.name]
         if view.footprint_m > FINE_FOOTPRINT * solid.radius_m:
             return solid
         focal_length_px = view.depth_m[0] / view.footprint_m
@@ -386,7 +383,7 @@ class RayEngine:
         (N,). Other bodies may touch it.
         """
         is_free = np.ones(above.shape[1], bool)
-        for other in self._blockers(views):
+        for other in self.blockers(views):
             is_own = other is view
             rest = np.flatnonzero(is_free & ~is_open if is_own and is_open is not None else is_free)
             rotation, offset = between(view, other)
@@ -398,6 +395,20 @@ class RayEngine:
             is_free[rest] = ~self._mesh(other).blocks(
                 place.T, direction.T, reach_m if len(reach_m) == 1 else reach_m.take(rest), sides)
         return is_free
+
+
+def _whole(body: Body) -> Body:
+    """A body, or the part of one that has no other."""
+    return body if len(body.parts) > 1 else body.parts[0]
+
+
+def _joined(name: str, parts: Sequence[BodyView]) -> BodyView:
+    """The view of the body of parts: the finest of theirs, with the box around all."""
+    boxes = [part.bounds_px for part in parts]
+    finest = min(parts, key=lambda part: part.footprint_m)
+    bounds_px = None if any(box is None for box in boxes) else np.concatenate(
+        [np.min(boxes, axis=0)[:2], np.max(boxes, axis=0)[2:]])
+    return replace(finest, name=name, bounds_px=bounds_px, is_visible=any(part.is_visible for part in parts))
 
 
 class _Solid(RayMesh):
