@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property
 
@@ -28,7 +29,36 @@ class Surface:
     @property
     def is_even(self) -> bool:
         """Whether a facet in sunlight is as bright all over, where no surface detail is drawn."""
-        return not self.body.smooth_normals and all(part.albedo_map is None for part in self.body.parts)
+        return not self.body.smooth_normals and not self.has_texture
+
+    @property
+    def has_texture(self) -> bool:
+        """Whether a map scales the albedo of any of its parts."""
+        return any(part.albedo_map is not None for part in self.body.parts)
+
+    def in_parts(self, facet: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Which of the body's parts facets (N,) are in, and their numbers (N,) there."""
+        if len(self.body.parts) == 1:
+            return np.zeros_like(facet), facet
+        return tuple(each.take(facet) for each in self._places)
+
+    @cached_property
+    def _places(self) -> np.ndarray:
+        places = np.zeros((2, len(self.body.shape.facets)), np.intp)
+        for k, part in enumerate(self.body.parts):
+            facets = self.body.facets_of(part)
+            places[:, facets] = np.full(len(facets), k), np.arange(len(facets))
+        return places
+
+    def _by_parts(self, facet: np.ndarray, value_of: Callable[[Surface, np.ndarray, np.ndarray], np.ndarray]
+                  ) -> np.ndarray:
+        """Values (N,) at facets (N,) by each part's surface, its facets' numbers (K,), and which (K,) of the N."""
+        part, number = self.in_parts(facet)
+        value = np.zeros(len(facet))
+        for k, each in enumerate(self.body.parts):
+            if len(some := np.flatnonzero(part == k)):
+                value[some] = value_of(Surface(each), number.take(some), some)
+        return value
 
     @cached_property
     def _facets(self) -> np.ndarray:
@@ -78,6 +108,9 @@ class Surface:
     def albedo_scale(self, facet: np.ndarray, weights: np.ndarray | None = None) -> np.ndarray:
         """Factor (N,) of the texture on the law's albedo, bilinear; 1 without a texture."""
         texture = self.body.albedo_map
+        if len(self.body.parts) > 1:
+            return self._by_parts(facet, lambda part, number, some: part.albedo_scale(
+                number, None if weights is None else weights[some]))
         if texture is None:
             return np.ones(len(facet))
         weights = np.full((len(facet), 3), 1.0 / 3.0) if weights is None else weights
@@ -95,12 +128,8 @@ class Surface:
         """BRDF (N,) [1/sr] with the law's albedo scaled and held within 0..1; of a body of materials by facets (N,)."""
         law = self.body.brdf
         if law is None:
-            value, looks = np.zeros(len(normal)), self.body.looks.take(facet)
-            for look, part in zip(np.unique(self.body.looks), self.body.parts, strict=True):
-                some = np.flatnonzero(looks == look)
-                value[some] = Surface(part).brdf(*(each[some] for each in (
-                    np.broadcast_to(to_sun, normal.shape), to_camera, normal, albedo_scale)))
-            return value
+            return self._by_parts(facet, lambda part, _, some: part.brdf(
+                *(each[some] for each in (np.broadcast_to(to_sun, normal.shape), to_camera, normal, albedo_scale))))
         if self.body.albedo_map is None:
             return law.brdf(to_sun, to_camera, normal)
         name = albedo_name(law)

@@ -76,13 +76,9 @@ class FacetTables:
         if body.smooth_normals:
             self.shading_normal = np.ascontiguousarray(self.surface.normals(self.number).T)
         self.albedo_scale = np.broadcast_to(1.0, self.n_facets)
-        if any(part.albedo_map is not None for part in body.parts):
-            scales = np.empty(self.n_facets)
-            for part in body.parts:
-                every = np.arange(len(part.shape.facets))
-                scales[body.facets_of(part)] = np.mean([Surface(part).albedo_scale(every, np.tile(at, (len(every), 1)))
-                                                        for at in np.eye(3)], axis=0)
-            self.albedo_scale = scales.take(self.number)
+        if self.surface.has_texture:
+            self.albedo_scale = np.mean([self.surface.albedo_scale(self.number, np.tile(at, (self.n_facets, 1)))
+                                         for at in np.eye(3)], axis=0)
         self.solid, self.crease_rad = solid, shape.crease_rad
         self.offset_m = dot(self.normal, self.vertices_m.take(self.corners[0], axis=1))
         # Now: a first frame that had to wait for them would be late.

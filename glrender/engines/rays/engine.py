@@ -137,14 +137,14 @@ class RayEngine:
         found = np.zeros(len(pixel), bool)
 
         def look(part: slice) -> None:
-            for index, hits in self._first(camera.directions(pixel[part]).T, views):
-                facing, *_, is_lit = self._facing(hits, views[index], views)
+            for view, hits in self._first(camera.directions(pixel[part]).T, views):
+                facing, *_, is_lit = self._facing(hits, view, views)
                 found[part][facing.place] = is_lit & (dot(facing.normal, facing.ray) < 0.0)
 
         threads.run_in_parts(look, len(pixel), RAYS_AT_ONCE)
         return found
 
-    def ranges(self, pixel: np.ndarray, camera: PinholeCamera, views: Iterable[BodyView]) -> np.ndarray:
+    def ranges(self, pixel: np.ndarray, camera: PinholeCamera, views: Sequence[BodyView]) -> np.ndarray:
         """Distances (N,) float64 [m] of the first surface at places in the image (N, 2) [px], or infinity."""
         distance_m = np.full(len(pixel), np.inf)
         for _, hits in self._first(camera.directions(pixel).T, views):
@@ -234,13 +234,17 @@ class RayEngine:
     def products(self, pixel: np.ndarray, camera: PinholeCamera, views: list[BodyView]) -> dict[str, np.ndarray]:
         """Products at places in the image (N, 2) [px], by the names of `BESIDE`."""
         made = {name: np.full((len(pixel), *np.shape(value)), value, _DTYPES[name]) for name, value in BESIDE.items()}
+        names = {view.name: index for index, view in enumerate(views)}
 
         def look(part: slice) -> None:
-            for index, hits in self._first(camera.directions(pixel[part]).T, views):
-                view, normal, ray = views[index], hits.normal.T, hits.ray.T
+            for view, hits in self._first(camera.directions(pixel[part]).T, views):
+                normal, ray = hits.normal.T, hits.ray.T
+                surface = self._solids[view.name].surface
+                of_body, number = surface.in_parts(hits.facet)
+                index = np.array([names.get(each.name, -1) for each in surface.body.parts]).take(of_body)
                 facing, *_, is_lit = self._facing(hits, view, views)
                 made["sunlit"][part][facing.place] = is_lit
-                values = {"range": hits.distance_m, "body_id": index, "facet_id": hits.facet,
+                values = {"range": hits.distance_m, "body_id": index, "facet_id": number,
                           "incidence": angle_between(normal, view.sun_direction_body),
                           "emission": angle_between(normal, -ray),
                           "phase": angle_between(-ray, view.sun_direction_body),
@@ -264,8 +268,7 @@ class RayEngine:
             return light if camera.lens_map is None else light / camera.lens_map.area_scales(
                 (ray[:2] / ray[2]).take(place, axis=1))
 
-        for index, met in self._first(ray, views):
-            view = views[index]
+        for view, met in self._first(ray, views):
             # Points in shadow are shaded too: leaving them out would cost more.
             hits, r_body, to_sun, is_lit = self._facing(met, view, views, on_disc)
             radiance = self.radiance(hits.facet, r_body, hits.normal, -hits.ray, to_sun, hits.distance_m, view, camera)
@@ -308,7 +311,7 @@ class RayEngine:
         normal = surface.normals(facet, weights, to_camera) if surface.body.smooth_normals else normal.T
         if (relief := surface.body.relief) is not None:
             normal = relief.normals(normal, r_body_m.T, range_m / camera.focal_length_px, to_camera)
-        brdf = surface.brdf(to_light.T, to_camera, normal, surface.albedo_scale(facet, weights))
+        brdf = surface.brdf(to_light.T, to_camera, normal, surface.albedo_scale(facet, weights), facet)
         return brdf * np.maximum(dot(normal.T, to_light), 0.0)
 
     def _facing(self, hits: Hits, view: BodyView, views: list[BodyView],
@@ -329,19 +332,26 @@ class RayEngine:
         above = self._mesh(view).raised(r_body, facing.facet, facing.normal, LEAST_LIFT)
         return facing, r_body, to_sun, self._has_free_line(above, to_sun, view, views)
 
-    def _first(self, ray_camera: np.ndarray, views: Iterable[BodyView]) -> list[tuple[int, Hits]]:
-        """First hits of rays (3, N) from the camera: those of each body, by its number, that no other body hides."""
-        views = list(views)
-        met = [(index, self._mesh(view).first(view.r_camera_body_m, view.camera_from_body.T @ ray_camera, FACING))
-               for index, view in enumerate(views) if view.is_visible]
+    def _first(self, ray_camera: np.ndarray, views: Sequence[BodyView]) -> list[tuple[BodyView, Hits]]:
+        """First hits of rays (3, N) from the camera: those of each body that no other body hides."""
+        met = [(view, self._of_seen(self._mesh(view).first(
+            view.r_camera_body_m, view.camera_from_body.T @ ray_camera, FACING), view, views))
+               for view in self.blockers(views) if view.is_visible]
         if len(met) < 2:
             return met
         nearest, body = np.full(ray_camera.shape[1], np.inf), np.full(ray_camera.shape[1], -1)
-        for index, hits in met:
+        for index, (_, hits) in enumerate(met):
             nearer = hits.distance_m < nearest[hits.place]
             place = hits.place[nearer]
             nearest[place], body[place] = hits.distance_m[nearer], index
-        return [(index, hits.at(np.flatnonzero(body[hits.place] == index))) for index, hits in met]
+        return [(view, hits.at(np.flatnonzero(body[hits.place] == index))) for index, (view, hits) in enumerate(met)]
+
+    def _of_seen(self, hits: Hits, view: BodyView, views: Sequence[BodyView]) -> Hits:
+        """Hits on those parts of a body that are seen."""
+        surface = self._solids[view.name].surface
+        seen = {each.name for each in views if each.is_visible}
+        is_seen = np.array([part.name in seen for part in surface.body.parts])
+        return hits if is_seen.all() else hits.at(np.flatnonzero(is_seen.take(surface.in_parts(hits.facet)[0])))
 
     def blockers(self, views: Sequence[BodyView]) -> Sequence[BodyView]:
         """Views of what may be in a ray's way: of a body of parts the whole, met once, by its finest view."""
@@ -384,7 +394,7 @@ class RayEngine:
         """
         is_free = np.ones(above.shape[1], bool)
         for other in self.blockers(views):
-            is_own = other is view
+            is_own = other.name == view.name
             rest = np.flatnonzero(is_free & ~is_open if is_own and is_open is not None else is_free)
             rotation, offset = between(view, other)
             place, direction = above.take(rest, axis=1), towards
@@ -419,7 +429,7 @@ class _Solid(RayMesh):
         super().__init__(shape.vertices_m, shape.facets,
                          not shape.report.is_watertight or shape.other_side is not None or shape.inside, shape.sizes)
         self.surface = Surface(body)
-        self.needs_weights = body.smooth_normals or body.albedo_map is not None
+        self.needs_weights = not self.surface.is_even
         self.is_uneven = self.needs_weights or body.relief is not None
 
     @property
