@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import views
@@ -12,7 +14,11 @@ from glrender.base.constants import AU_M
 from glrender.brdf import Lambert
 from glrender.engines.cycles import Cycles
 from glrender.engines.cycles.backend import has_two_faces
+from glrender.engines.parts import Parts
+from glrender.engines.rays.engine import RayEngine
 from glrender.scene.body import PART
+from glrender.view.view import view_bodies
+from glrender_camera import BrownConrady
 from solids import box
 
 GREY = Lambert(normal_albedo=0.3)
@@ -95,6 +101,55 @@ def test_callers_see_one_body(renderer, body):
     assert renderer.info["memory_bytes"]["sat"]["rays"] >= least
     assert set(renderer.render(state, products=["facet_id"]).products) == {"facet_id"}
     assert made[1].plan.bodies[0].law == "microfacet" and not made[1].plan.bodies[0].casters
+
+
+def test_a_craft_of_several_laws_is_drawn_as_one_of_one_law(body):
+    """Lambert albedos that differ by 1e-7 of themselves: equal areas, as many rays, and equal light."""
+    laws = {name: Lambert(normal_albedo=0.3 + 3e-8 * k) for k, name in enumerate(body.materials)}
+    several, state = Body(name="sat", shape=body.shape, materials=laws), looking((8.0, -14.0, 12.0))
+    assert len(several.parts) == 4
+    images = []
+    for each in (several, Body(name="sat", shape=body.shape, brdf=GREY)):
+        with Renderer(views.scene([each], [views.camera(72, 394.0)])) as made:
+            images.append([made.render(state, max_error=error) for error in (0.02, 0.004)])
+    for image, other in zip(*images, strict=True):
+        one, two = image.plan.windows[0], other.plan.windows[0]
+        assert (one.engine, one.refined_samples, one.refined_share) == (
+            two.engine, two.refined_samples, two.refined_share)
+        np.testing.assert_allclose(image.irradiance_W_m2, other.irradiance_W_m2, rtol=1e-5,
+                                   atol=1e-5 * other.irradiance_W_m2.max())
+    assert one.refined_share > 0.0
+
+
+def test_rays_see_of_a_body_those_parts_that_are_asked_for(renderer, body):
+    """Each place shows one part, which others hide: the light of the parts, asked for one by one, is that of all."""
+    scene, camera, state = renderer.scene, renderer.scene.cameras[0], looking((8.0, -14.0, 12.0))
+    engine, place = RayEngine(scene), np.argwhere(np.ones((72, 72))).astype(float)
+    seen = view_bodies(Parts(scene).state(state, camera), camera, engine.scene.hulls)
+    each = [engine.irradiance(place, camera, [replace(view, is_visible=view is one) for view in seen]) for one in seen]
+    assert all(light.any() for light in each) and (np.count_nonzero(each, axis=0) <= 1).all()
+    np.testing.assert_allclose(sum(each), engine.irradiance(place, camera, seen), rtol=1e-12)
+
+
+@pytest.mark.parametrize("has_lens", [False, True])
+def test_a_part_behind_the_camera_is_not_in_the_image(tmp_path, has_lens):
+    """From between a panel and a box, on the line through both: float64 rays at the panel's facets, and its shade."""
+    box_behind, facets = box((-0.5, -0.5, 19.0), (0.5, 0.5, 20.0))
+    pieces = [sheet(0, {"scale": [3.0, 3.0, 1.0]}), sheet(1, {"translation": [0.9, 0.0, 0.5]}),
+              (box_behind, facets, 2, None, None)]
+    body = Body.from_file(glb(tmp_path / "a.glb", pieces, [material("a", 0.5), material("b", 0.9), material("c", 0.3)]),
+                          name="sat", length_unit="m")
+    r_camera, lens = np.array([0.0, 0.0, 14.0]), {"distortion": BrownConrady(k1=1e-9)} if has_lens else {}
+    camera = views.camera(48, 200.0, **lens)
+    state = State(r_sun_inertial_m=AU_M * np.array([0.6, 0.0, 0.8]), bodies={"sat": Pose(r_inertial_m=np.zeros(3))},
+                  spacecraft=Pose(r_inertial_m=r_camera, q_from_inertial=frames.look_at(r_camera, np.zeros(3))))
+    truth = traced([(part.shape.vertices_m[part.shape.facets], part.brdf) for part in body.parts],
+                   views.camera(48, 200.0), state, views.SOLAR_IRRADIANCE_W_M2)
+    with Renderer(views.scene([body], [camera], sun_disc=False)) as made:
+        image = made.render(state, engine="coverage")
+    light = image.irradiance_W_m2.astype(float)
+    assert views.relative_rms(light, truth) < np.hypot(image.plan.predicted_error, 0.016)
+    assert abs(light.sum() / truth.sum() - 1.0) < 0.004
 
 
 @pytest.mark.parametrize("scale, fault", [(0.0, "the camera must be outside body 'sat'"),

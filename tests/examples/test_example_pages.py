@@ -6,6 +6,7 @@ import json
 import re
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import few_facets
@@ -98,6 +99,20 @@ def test_the_spacecrafts_frames_have_the_light_of_float64_rays(monkeypatch, tmp_
         light = float(renderer.render(state).irradiance_W_m2.sum(dtype=float))
     np.testing.assert_allclose(light, few_facets.light(parts, camera, state, unit, samples=8).sum(),
                                rtol=numbers("spacecraft", "light of a frame over that of float64 rays")[1] - 1.0)
+
+
+@pytest.mark.slow
+def test_the_spacecrafts_frames_take_a_tenth_of_a_second(monkeypatch, tmp_path):
+    """50 frames of 50,000 facets, 1024 x 1024 px, 5 %: processor time of the median one."""
+    module(monkeypatch, "spacecraft", "make_spacecraft").main(tmp_path, 50_000)
+    scenario, took = load_scenario(tmp_path / "flyby.toml"), []
+    assert len(scenario.scene.bodies[0].shape.facets) > 49_000
+    with Renderer(scenario.scene) as renderer:
+        for state in scenario.states()[:50]:
+            began = time.process_time()
+            assert renderer.render(state).plan.predicted_error <= 0.05
+            took.append(time.process_time() - began)
+    assert np.median(took) < 0.1, took
 
 
 def test_itokawas_hover_starts_where_hayabusa_was(spiceypy, tmp_path):

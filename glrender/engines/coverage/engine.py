@@ -89,9 +89,6 @@ class CoverageEngine:
             No other engine draws penumbras: points of the Sun's disc do, however few.
         """
         names, views = self._wholes(names, views)
-        # Of a body that is in view by parts some may be behind the camera.
-        if any(view.bounds_px is None for view in views if view.name in names):
-            return CoverageImage.dark(cells, NOTHING_DRAWN)
         looked = self._look(names, views, cells, budget, self._scene.sun_disc)
         penumbra = looked.penumbra.judged
         n_points, share = sun_points(penumbra, budget.tolerance)

@@ -128,11 +128,15 @@ def distinct_pairs(ones, others):
 
 @compiled(void(POINTS, intp, intp, POINTS, VECTOR, float64, VECTOR, write(float64, 2)))
 def project(r_body_m, first, last, camera_from_body, r_camera_m, focal_length_px, principal_point_px, places):
-    """Write places (2, N) [px] of points first to last of some (3, N) [m]."""
+    """Write places (2, N) [px] of points first to last of some (3, N) [m]; infinitely far off behind the camera."""
     turn = camera_from_body
     for i in range(first, last):
         a, b, c = r_body_m[0, i] - r_camera_m[0], r_body_m[1, i] - r_camera_m[1], r_body_m[2, i] - r_camera_m[2]
-        across = focal_length_px / (turn[2, 0] * a + turn[2, 1] * b + turn[2, 2] * c)
+        depth = turn[2, 0] * a + turn[2, 1] * b + turn[2, 2] * c
+        if not depth > 0.0:
+            places[0, i] = places[1, i] = math.inf
+            continue
+        across = focal_length_px / depth
         for axis in range(2):
             places[axis, i] = principal_point_px[axis] + across * (
                 turn[axis, 0] * a + turn[axis, 1] * b + turn[axis, 2] * c)

@@ -85,10 +85,11 @@ class FacetParts:
 
 
 def projected(r_body_m: np.ndarray, view: BodyView, camera: PinholeCamera) -> np.ndarray:
-    """Places (2, N) [px] of points (3, N) [m] in the image."""
+    """Places (2, N) [px] of points (3, N) [m] in the image; infinite behind the camera."""
     lens = camera.lens_map
     if lens is not None:
-        return lens.places_px(normalised(r_body_m, view))
+        xy = normalised(r_body_m, view)
+        return np.where(np.isinf(xy), xy, lens.places_px(xy))
     return _scaled(r_body_m, view, camera.focal_length_px, np.array(camera.principal_point_px, float))
 
 

@@ -413,12 +413,12 @@ def _whole(body: Body) -> Body:
 
 
 def _joined(name: str, parts: Sequence[BodyView]) -> BodyView:
-    """The view of the body of parts: the finest of theirs, with the box around all."""
-    boxes = [part.bounds_px for part in parts]
-    finest = min(parts, key=lambda part: part.footprint_m)
-    bounds_px = None if any(box is None for box in boxes) else np.concatenate(
+    """The view of the body of parts: the finest of theirs, with the box around those that are seen."""
+    boxes = [part.bounds_px for part in parts if part.is_visible]
+    bounds_px = None if not boxes or any(box is None for box in boxes) else np.concatenate(
         [np.min(boxes, axis=0)[:2], np.max(boxes, axis=0)[2:]])
-    return replace(finest, name=name, bounds_px=bounds_px, is_visible=any(part.is_visible for part in parts))
+    return replace(min(parts, key=lambda part: part.footprint_m), name=name, bounds_px=bounds_px,
+                   is_visible=bool(boxes))
 
 
 class _Solid(RayMesh):
