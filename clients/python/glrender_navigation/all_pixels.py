@@ -4,22 +4,29 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Any, NamedTuple
 
+import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from .believed import draw, roughly_aligned, shift_between
+from .believed import Drawn, Refined, blurred, placed, shift_between
 from .body import BelievedBody
-from .camera import Camera, Sight, StateLike, moved, others_px
+from .camera import Camera, Sight, StateLike, moved
 from .measurement import Estimator, Measurement, NotFound
 
-# Deviations of the blur [px] of the first steps, and tolerances of their frames and the last ones': those err by less
-# than the noise lets be known.
-_BLURS_PX, _COARSE, _FINE = (4.0, 1.5), 0.05, 0.005
+# Tolerance of the first frames, which are shifted and scaled until they fit, blurred by a deviation [px], in steps; and
+# how far [px] the last of them is drawn from where it fits.
+_COARSE, _BLUR_PX, _N_SHIFTS, _NEAR_PX = 0.1, 1.5, 4, 0.5
+# Deviations of the blur [px] of the first comparisons of an attitude that is not known; the tolerance of all, which err
+# by less than the noise lets be known.
+_BLURS_PX, _FINE = (4.0, 1.5), 0.005
 # A step moves centre and limb by no more [px], as derivatives reach no farther, plus so many deviations of the blur; it
-# is the last where it moves them by less than `_ENOUGH_PX`.
-_REACH_PX, _PER_BLUR, _ENOUGH_PX, _MOST_STEPS = 2.0, 2.0, 0.02, 10
+# is the last where it moves them by less than `_ENOUGH_PX`: the next would by a twentieth of that.
+_REACH_PX, _PER_BLUR, _ENOUGH_PX, _MOST_STEPS = 2.0, 2.0, 0.03, 10
+# Largest change of a drawn frame's size in a step [1].
+_REACH_SCALE = 0.04
 # Below this correlation the frame does not show the believed body.
 _LEAST_CORRELATION = 0.6
 # Share of the frame's light [1], by its square and beyond the noise, that believed shapes leave: 1280 facets for 20480
@@ -44,10 +51,11 @@ class _Step(NamedTuple):
 class AllPixels(Estimator):
     """The frame's digital numbers against the predicted ones: least squares of the pose, a gain and a level.
 
-    Steps of Gauss and Newton, of limited length, blurred frames first. Pixels that differ by much more than most weigh
-    less. The covariance is of the camera's noise, or of what is left where that is more, and of the believed shape
-    (`BelievedBody.shape_error_m`). Where more of the light is left than shapes leave, as the believed
-    attitude, shape or law is wrong, or the match, the measurement has a `doubt`, and the shape's part grows with it.
+    The believed frame's light is shifted and scaled until it fits. Then comparisons give steps of Gauss and Newton, of
+    limited length; the first are blurred where the attitude is solved for too. Pixels that differ by much more than
+    most weigh less. The covariance is of the camera's noise, or of what is left where that is more, and of the believed
+    shape (`BelievedBody.shape_error_m`). Where more of the light is left than shapes leave, as the believed attitude,
+    shape or law is wrong, or the match, the measurement has a `doubt`, and the shape's part grows with it.
 
     Parameters
     ----------
@@ -70,11 +78,10 @@ class AllPixels(Estimator):
                   render: Callable[..., Any]) -> Measurement:
         if frame.dtype not in (np.uint8, np.uint16):
             frame = frame.astype(np.float32)
-        drawn = draw(render, believed, self.camera, self.body)
-        others = others_px(believed, self.camera, self.body.name)
-        pose = here.camera_from_body, roughly_aligned(np.ma.filled(frame, frame.min()), drawn, self.camera, self.body,
-                                                      others)
-        for blur_px in _BLURS_PX:
+        refined = Refined(np.ma.filled(frame, frame.min()), believed, self.camera, self.body,
+                          partial(render, max_error=_COARSE), enough_px=_NEAR_PX)
+        pose = here.camera_from_body, refined(partial(self._fitting, refined.frame))[0]
+        for blur_px in _BLURS_PX if self._count == 6 else ():
             step = self._step(frame, believed, pose, render, blur_px)
             pose = self._after(pose, step.change, _REACH_PX + _PER_BLUR * blur_px)
         for _ in range(_MOST_STEPS):
@@ -83,6 +90,28 @@ class AllPixels(Estimator):
             if (moved_px := self._size_px(before, pose)) < _ENOUGH_PX:
                 return self._found(pose, step)
         raise NotFound(f"the place still moves by {moved_px:.2f} px after {_MOST_STEPS} steps, {_ENOUGH_PX} is allowed")
+
+    def _fitting(self, frame: np.ndarray, drawn: Drawn, number: int) -> tuple[np.ndarray, None]:
+        """The place (3,) [m] where a drawn frame's light fits best, shifted and scaled, with a gain and a level."""
+        (x, y), (height, width) = drawn.corner_px, drawn.pixels.shape
+        first, seen = (blurred(image, _BLUR_PX) for image in (drawn.pixels, frame[y:y + height, x:x + width]))
+        first = first / first.max()
+        center_px = self.camera.project(drawn.here.r_body_camera_m) - drawn.corner_px
+        shift_px, scale = np.zeros(2), 1.0
+        for _ in range(_N_SHIFTS):
+            back = np.column_stack([np.eye(2) / scale, center_px - (center_px + shift_px) / scale])
+            light = cv2.warpAffine(first, back, (width, height), flags=cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP,
+                                   borderMode=cv2.BORDER_REPLICATE)
+            down, right = np.gradient(light)
+            off_x, off_y = np.arange(width) - center_px[0], np.arange(height)[:, None] - center_px[1]
+            design = np.stack([each[drawn.is_clear] for each in (
+                right, down, off_x * right + off_y * down, light, np.ones_like(light))])
+            *change, gain, _ = np.linalg.solve(design @ design.T, design @ seen[drawn.is_clear])
+            if not gain > 0.0:
+                raise NotFound("the frame does not show the light of the believed one")
+            shift_px = shift_px - np.clip(np.array(change[:2]) / gain, -_REACH_PX, _REACH_PX)
+            scale *= float(np.exp(-np.clip(change[2] / gain, -_REACH_SCALE, _REACH_SCALE)))
+        return placed(self.camera, center_px + drawn.corner_px + shift_px, drawn.here.range_m / scale), None
 
     def _step(self, frame: np.ndarray, believed: StateLike, pose: tuple[np.ndarray, np.ndarray],
               render: Callable[..., Any], blur_px: float) -> _Step:
@@ -97,7 +126,7 @@ class AllPixels(Estimator):
         x0, y0, x1, y1 = roi = self._region(pose[1], frame.dtype.itemsize)
         try:
             fit = render(state, compare=frame[y0:y1, x0:x1], roi=roi, derivatives=["spacecraft"], blur_px=blur_px,
-                         unknown=["gain", "offset"], robust=True, max_error=_COARSE if blur_px else _FINE).comparison
+                         unknown=["gain", "offset"], robust=True, max_error=_FINE).comparison
         except Exception as error:
             # A renderer's, or a client's: where other bodies may hide this one there are no derivatives.
             if getattr(error, "path", "") != "derivatives":

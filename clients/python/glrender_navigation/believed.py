@@ -161,14 +161,14 @@ class Refined:
 
     def __init__(self, frame: np.ndarray, believed: StateLike, camera: Camera, body: BelievedBody,
                  render: Callable[..., Any], *, products: Sequence[str] = (), enough_px: float = 0.5, most: int = 4):
-        self._frame, self._state, self._camera, self._body = frame, believed, camera, body
+        self.frame, self._state, self._camera, self._body = frame, believed, camera, body
         self._render, self._products, self._enough_px, self._most = render, products, enough_px, most
 
     def __call__(self, step: Callable[[Drawn, int], tuple[np.ndarray, Any]]) -> tuple[np.ndarray, Any]:
         """The place (3,) [m] and the second value of `step(drawn, number)`, which gives the place first."""
         drawn = self._draw(sight(self._state, self._camera, self._body.name).r_body_camera_m)
         others = others_px(self._state, self._camera, self._body.name)
-        rough_m = roughly_aligned(self._frame, drawn, self._camera, self._body, others)
+        rough_m = roughly_aligned(self.frame, drawn, self._camera, self._body, others)
         if self._size_px(drawn, rough_m) > 2.0:
             drawn = self._draw(rough_m)
         for number in range(self._most):
