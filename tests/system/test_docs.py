@@ -16,6 +16,7 @@ import PIL.Image
 import pytest
 import serving
 from glrender import PinholeCamera, State, generate
+from glrender.scenario import scenario_of_table
 from glrender_camera import AutoExposure, Detector, Optics
 from glrender_camera.aberrations import Aberrations
 from glrender_camera.faults.fault import Fault
@@ -233,6 +234,26 @@ def test_the_terrain_pages_camera_looks_down_with_north_up():
         pose = State.from_dict({**state, "spacecraft": {**state["spacecraft"], "q_from_inertial": q}}).spacecraft
         seen = Rotation.from_quat(pose.q_from_inertial, scalar_first=True).apply(np.array(points) - pose.r_inertial_m)
         np.testing.assert_allclose(camera.project(seen) - 31.5, places, atol=1e-6)
+
+
+def test_the_scenario_pages_moon_goes_round():
+    """Dimorphos about Didymos in 11.9 h, within 2 %; and the conventions' mounting looks along +X, +Z up."""
+    page = (ROOT / "docs" / "scenario.md").read_text(encoding="utf-8")
+    orbit = tomllib.loads("orbit = " + re.search(r"of a moon \| `(\{.*?\})`", page)[1])["orbit"]
+    ball = {"generated": {"kind": "icosphere", "radius_m": 80.0, "subdivisions": 1},
+            "brdf": {"law": "lambert", "normal_albedo": 0.1}}
+    scenario = scenario_of_table({
+        "bodies": [{"name": "didymos", **ball}, {"name": "dimorphos", **ball, "orbit": orbit}],
+        "cameras": [{"name": "navcam", "width_px": 8, "height_px": 8, "focal_length_px": 20.0}],
+        "trajectory": {"kind": "at_rest", "r_m": [1e4, 0.0, 0.0]}, "sun": {"r_m": [1.5e11, 0.0, 0.0]},
+        "time": {"start_tdb": orbit["epoch_tdb"], "times_s": [0.0, 0.25 * 11.9 * 3600.0]}})
+    first, quarter = (state.bodies["dimorphos"].r_inertial_m for state in scenario.states())
+    np.testing.assert_allclose(first, orbit["r_m"], atol=1e-6)
+    np.testing.assert_allclose(quarter, [0.0, 1190.0, 0.0], atol=0.02 * 1190.0 * np.pi / 2.0)
+    text = (ROOT / "docs" / "conventions.md").read_text(encoding="utf-8")
+    q = [float(word) for word in re.search(r"`q_camera_from_spacecraft` \[([^\]]*)\]", text)[1].split(",")]
+    np.testing.assert_allclose(Rotation.from_quat(q, scalar_first=True).apply([[1, 0, 0], [0, 0, 1]]),
+                               [[0, 0, 1], [0, -1, 0]], atol=1e-12)
 
 
 def test_documents_stay_short():
