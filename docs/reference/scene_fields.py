@@ -24,6 +24,7 @@ from glrender.scenario.spice.sources import SpiceAttitude
 from glrender.scene.detail.config import Boulders, Craters, Noise
 from glrender.scene.formats.terrain import patch
 from glrender.scene.plugins.registry import laws
+from glrender.scene.shape.regions import Region
 from glrender.sequences.options import FrameOptions
 from glrender_camera import AutoExposure, BrownConrady, CameraModel, Detector, MosaicModel, Optics
 from glrender_camera.aberrations import Aberrations
@@ -140,7 +141,12 @@ SCENE: tuple[Table, ...] = (
         "albedo_texture_gain": ("float [1], > 0", "Factor on the texture; 1 by default."),
         "albedo_projection": ("table", "Of a texture of longitudes and latitudes: kind = \"equirectangular\", "
                               "left_edge_deg (-180 by default)."),
-        "detail": ("table", "Made-up ground finer than the facets; below.")}, ("shape",)),
+        "detail": ("table", "Made-up ground finer than the facets; below."),
+        "regions": ("list of tables", "Finer shapes of parts, in place of what lies beneath; below.")}, ("shape",)),
+    Table("bodies.regions", (Region,), more={
+        **{name: ("as of bodies", "The region's.") for name in (
+            "shape", "generated", "terrain", "length_unit", "surface", "inside", "sides")},
+        "brdf": ("table", "Its own law, as of bodies; the body's by default.")}, optional=("shape",)),
     *(Table(f"bodies.generated, kind = \"{kind}\"", (getattr(generate, kind),)) for kind in (
         "icosphere", "contact_binary", "gaussian_random_sphere", "three_lobes")),
     Table("bodies.terrain", (patch,), ("path",), {

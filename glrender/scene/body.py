@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import InitVar, dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,7 @@ from .detail.config import Detail
 from .detail.height_field import Relief
 from .shape.convex_hull import Hull
 from .shape.equirectangular import corner_coordinates, left_edge_of
+from .shape.regions import Region, with_regions
 from .shape.shape import Shape
 from .shape.textures import laid, read_texture
 
@@ -61,6 +62,8 @@ class Body:
     materials : mapping of str to Law, optional
         Laws in place of those that the file gives, by its materials' names; then that of every material. An image of
         the file scales its material's albedo, whosever law it is. None with `brdf`.
+    regions : sequence of Region
+        Finer shapes of parts, in place of what lies beneath: they become part of `shape`.
     """
 
     name: str
@@ -71,11 +74,14 @@ class Body:
     detail: Detail | None = None
     albedo_projection: Mapping[str, Any] | None = None
     materials: Mapping[str, Law] | None = None
+    regions: InitVar[Sequence[Region]] = ()
 
-    def __post_init__(self):
+    def __post_init__(self, regions: Sequence[Region]):
         name_of("name", self.name)
         if not isinstance(self.shape, Shape):
             raise ConfigError("shape", "must be a glrender.Shape", self.shape)
+        if regions:
+            self._set_in(regions)
         self._choose_laws()
         if not isinstance(self.smooth_normals, bool):
             raise ConfigError("smooth_normals", "must be true or false", self.smooth_normals)
@@ -112,6 +118,20 @@ class Body:
     def __repr__(self) -> str:
         laws = ", ".join(dict.fromkeys(type(law).__name__ for law in self.laws))
         return f"<Body {self.name}: {self.shape!r}, {laws}>"
+
+    def _set_in(self, regions: Sequence[Region]) -> None:
+        """Set regions into the shape, with their laws as materials where they have their own."""
+        if not isinstance(self.brdf, Law):
+            raise ConfigError("brdf", "must be a law of glrender.brdf, of a body with regions", self.brdf)
+        for key in ("materials", "detail"):
+            if getattr(self, key) is not None:
+                raise ConfigError(key, "goes without regions", hint="leave one out; a region may have a brdf")
+        shape = with_regions(self.shape.of_one_material(), regions, self.brdf)
+        if shape.materials:
+            if self.albedo_map is not None:
+                raise ConfigError("albedo_map", "goes with regions without a brdf", hint="leave one out")
+            object.__setattr__(self, "brdf", None)
+        object.__setattr__(self, "shape", shape)
 
     def _choose_laws(self) -> None:
         """Keep `brdf`, and a shape without its file's materials; or the law of each material."""

@@ -21,6 +21,7 @@ from .lamp import Lamp
 from .plugins.checks import blamed_on, is_foreign, named, try_law
 from .plugins.registry import emissions, laws, shape_readers
 from .shape import generate
+from .shape.regions import Region
 from .shape.shape import SIDES, Shape, file_scale
 from .shape.textures import read_texture
 from .stars import Stars
@@ -29,7 +30,8 @@ from .stars import Stars
 _SHAPES, _OF_FILES = ("shape", "generated", "terrain"), ("length_unit", "sides", "surface", "inside")
 SHAPE_KEYS = _SHAPES + _OF_FILES
 _BODY_KEYS = ("name", *SHAPE_KEYS, "brdf", "albedo_texture", "albedo_texture_gain", "smooth_normals", "detail",
-              "albedo_projection", "materials")
+              "albedo_projection", "materials", "regions")
+_REGION_KEYS = (*SHAPE_KEYS, "brdf", "r_region_body_m", "q_body_from_region")
 _CAMERA_KEYS = ("name", "width_px", "height_px", "focal_length_px", "principal_point_px",
                 "q_camera_from_spacecraft", "r_camera_spacecraft_m", "model", "distortion")
 # Longest name of a file on all file systems in use.
@@ -112,10 +114,21 @@ def body(table: Mapping[str, Any], path: str, files: Files) -> Body:
     if "detail" in table:
         with error_path(f"{path}.detail"):
             detail = Detail.from_table(table["detail"])
+    regions = [_region(each, f"{path}.regions[{index}]", files) for index, each in enumerate(
+        tables(f"{path}.regions", table["regions"]) if "regions" in table else ())]
     with error_path(path):
         return Body(name=table["name"], shape=shape, brdf=law, albedo_map=albedo_map, detail=detail,
                     smooth_normals=table.get("smooth_normals", False), albedo_projection=table.get("albedo_projection"),
-                    materials=materials)
+                    materials=materials, regions=regions)
+
+
+def _region(table: Mapping[str, Any], path: str, files: Files) -> Region:
+    """A region of its table in a body's."""
+    known_keys(path, table, _REGION_KEYS)
+    law = read_law(table["brdf"], f"{path}.brdf") if "brdf" in table else None
+    with error_path(path):
+        return Region(shape=shape_of(table, files), brdf=law, r_region_body_m=table.get("r_region_body_m"),
+                      q_body_from_region=table.get("q_body_from_region"))
 
 
 def shape_of(table: Mapping[str, Any], files: Files) -> Shape:

@@ -64,6 +64,7 @@ MOSAIC = {"pattern": ["RG", "GB"], "optics": {letter: OPTICS for letter in "RGB"
 FILES = {
     "the file": (scene(), ()), "bodies": (scene(), ("bodies", 0)),
     "bodies.brdf, preset": (in_body(scene, brdf={"preset": "eros_550nm"}), ("bodies", 0, "brdf")),
+    "bodies.regions": (in_body(scene, regions=[{}]), ("bodies", 0, "regions", 0)),
     "bodies.detail": (in_body(scene, detail={}), ("bodies", 0, "detail")),
     **{f"bodies.detail.{kind}": (in_body(scene, detail={kind: {}}), ("bodies", 0, "detail", kind))
        for kind in ("noise", "craters", "boulders")},

@@ -28,6 +28,12 @@ class Edges:
         self.begin = np.flatnonzero(np.concatenate([[True], key[1:] != key[:-1]]))
         self.size = np.diff(np.append(self.begin, len(key)))
 
+    def of_sides(self) -> np.ndarray:
+        """Number (3 F,) of each side's edge."""
+        edge = np.empty(len(self.order), np.int64)
+        edge[self.order] = np.repeat(np.arange(len(self.size)), self.size)
+        return edge
+
     def sides(self, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Sides (N,) of edges that are chosen (E,), and the edges (N,)."""
         edge = np.repeat(np.flatnonzero(chosen), self.size[chosen])

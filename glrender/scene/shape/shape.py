@@ -67,6 +67,30 @@ def file_scale(path: Path, length_unit: str | float | None) -> float:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Seam:
+    """The seam around a region that is set into a shape.
+
+    Attributes
+    ----------
+    gap_max_m, gap_rms_m : float [m]
+        Height of the region's rim over the shape, along the region's mean normal.
+    width_m, extent_m : float [m]
+        Of the strip of facets that closes the gap, about; and the diagonal of the region's box.
+    n_facets, n_strip, n_left_out, n_holes : int
+        Facets of the region and of the strip, those beneath that are left out or cut, and holes that were closed.
+    """
+
+    gap_max_m: float
+    gap_rms_m: float
+    width_m: float
+    extent_m: float
+    n_facets: int
+    n_strip: int
+    n_left_out: int
+    n_holes: int
+
+
+@dataclass(frozen=True, kw_only=True)
 class ShapeReport:
     """Report of the faults found in a shape, and of the repairs."""
 
@@ -87,6 +111,7 @@ class ShapeReport:
     volume_m3: float
     extent_m: tuple[float, float, float]
     warnings: tuple[str, ...]
+    seams: tuple[Seam, ...] = ()
 
     @property
     def is_watertight(self) -> bool:
@@ -176,7 +201,7 @@ class Shape:
             with np.errstate(over="ignore"):
                 vertices_m = mesh.vertices * scale
             is_double = mesh.is_double_sided if sides == "file" else sides == "both"
-            shape = _checked(vertices_m, mesh.facets, mesh.uv, is_double, inside, mesh.material)
+            shape = checked(vertices_m, mesh.facets, mesh.uv, is_double, inside, mesh.material)
         messages = (*mesh.warnings, *_unit_doubt(shape), *shape.report.warnings)
         for text in messages:
             _log.warning("%s: %s", path.name, text)
@@ -203,7 +228,7 @@ class Shape:
         ------
         ShapeError
         """
-        return _checked(vertices_m, facets, uv, one_of("sides", sides, SIDES) == "both", inside)
+        return checked(vertices_m, facets, uv, one_of("sides", sides, SIDES) == "both", inside)
 
     def of_one_material(self) -> Shape:
         """The shape without its file's materials; the report says that one law replaces them."""
@@ -343,7 +368,7 @@ class Shape:
         Path(path).write_text("\n".join(lines) + "\n", encoding="ascii")
 
 
-def _checked(vertices_m: object, facets: object, uv: object, is_double: np.ndarray | bool | None, inside: bool,
+def checked(vertices_m: object, facets: object, uv: object, is_double: np.ndarray | bool | None, inside: bool,
              material: np.ndarray | None = None) -> Shape:
     """The shape of arrays that `from_arrays` takes; facets (F,) of open shells that are double get their other side.
 
