@@ -24,13 +24,14 @@ if TYPE_CHECKING:
     from .scene.lamp import Lamp
     from .scene.scene import Body, Scene, load_scene
     from .scene.shape import generate
+    from .scene.shape.regions import Region
     from .scene.shape.shape import Shape
     from .scene.stars import Stars
     from .view.state import Pose, State
 
 __version__ = version("glrender")
 __all__ = ["Body", "Boulders", "Capture", "Comparison", "ConfigError", "Craters", "Detail", "DeviceError",
-           "GlrenderError", "Lamp", "Noise", "PinholeCamera", "Pose", "ProtocolError", "RangeNoise", "Ranges",
+           "GlrenderError", "Lamp", "Noise", "PinholeCamera", "Pose", "ProtocolError", "RangeNoise", "Ranges", "Region",
            "Renderer", "Scene", "SceneError", "Shape", "ShaderError", "ShapeError", "Stars", "State", "compare_frame",
            "draw_still", "frames", "from_basilisk_mrp", "from_matlab_dcm", "from_matlab_quat", "from_ros", "from_scipy",
            "from_spice", "generate", "laser_ranges", "load_scene", "open_renderer", "take_frame"]
@@ -50,6 +51,7 @@ _NAMES = {
     ".scene.detail.config": ("Boulders", "Craters", "Detail", "Noise"),
     ".scene.lamp": ("Lamp",),
     ".scene.scene": ("Body", "Scene", "load_scene"),
+    ".scene.shape.regions": ("Region",),
     ".scene.shape.shape": ("Shape",),
     ".scene.stars": ("Stars",),
     ".view.state": ("Pose", "State"),

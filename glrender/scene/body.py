@@ -76,7 +76,7 @@ class Body:
     materials: Mapping[str, Law] | None = None
     regions: InitVar[Sequence[Region]] = ()
 
-    def __post_init__(self, regions: Sequence[Region]):
+    def __post_init__(self, regions: Sequence[Region]) -> None:
         name_of("name", self.name)
         if not isinstance(self.shape, Shape):
             raise ConfigError("shape", "must be a glrender.Shape", self.shape)

@@ -71,7 +71,7 @@ class Region:
     @property
     def vertices_m(self) -> np.ndarray:
         """(V, 3) float64 [m], body-fixed."""
-        return self.shape.vertices_m @ dcm(self.q_body_from_region).T + self.r_region_body_m
+        return self.shape.vertices_m @ dcm(np.asarray(self.q_body_from_region)).T + np.asarray(self.r_region_body_m)
 
 
 def with_regions(shape: Shape, regions: Sequence[Region], law: Law | None = None) -> Shape:
@@ -105,7 +105,7 @@ def with_regions(shape: Shape, regions: Sequence[Region], law: Law | None = None
                             "m off the shape around: are its length unit and pose right?")
         if seam.n_holes:
             warnings.append(f"{seam.n_holes} holes in regions[{index}] closed by flat facets")
-    material, materials = None, ()
+    material, materials = None, shape.materials
     if any(each.brdf is not None for each in regions):
         laws = [law, *(each.brdf or law for each in regions)]
         materials = tuple(FileMaterial(name=f"regions[{number - 1}]" if number else "body", law=each)
@@ -171,8 +171,8 @@ class _Seat:
         owner = np.concatenate([mesh.owner[parent[~is_left_out]], np.full(len(self.facets), number),
                                 np.zeros(len(strip), int), np.full(sum(map(len, filled)), number)])
         used, rows = renumbered(np.concatenate([all_facets, strip, *filled]), len(all_m))
-        if not np.array_equal(*(np.bincount(np.minimum(Edges(each).size, 3), minlength=4)[[1, 3]]
-                                for each in (facets, rows))):
+        before, after = (np.bincount(np.minimum(Edges(each).size, 3), minlength=4) for each in (facets, rows))
+        if (before[[1, 3]] != after[[1, 3]]).any():
             raise ShapeError("", "must leave the body as closed as it is, and its rim cannot be joined", None,
                              "cut it so that its rim is smooth")
         seam = Seam(gap_max_m=float(np.abs(self.gaps_m).max()), gap_rms_m=float(np.sqrt(np.mean(self.gaps_m**2))),
