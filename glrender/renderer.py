@@ -7,6 +7,7 @@ import time
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -74,7 +75,7 @@ class Renderer:
     def __init__(self, scene: Scene, backend: str = "auto", device_index: int | None = None):
         if not isinstance(scene, Scene):
             raise ConfigError("scene", "must be a Scene", scene)
-        self._own, self.scene, self._parts = OwnProcess(), scene, Parts(scene)
+        self._own, self.scene, self._parts, self._is_closed = OwnProcess(), scene, Parts(scene), False
         scene = self._parts.drawn
         with ExitStack() as stack:
             self._context = stack.enter_context(Context(backend, device_index))
@@ -120,6 +121,7 @@ class Renderer:
 
     def close(self) -> None:
         """Release the context and all that lives in it; in a forked child it does nothing, as nothing is its own."""
+        self._is_closed = True
         if self._own.is_here:
             self._stack.close()
 
@@ -192,8 +194,9 @@ class Renderer:
         if self._emissions:
             made = self._emissions.add(irradiance, state, frame, made)
             clock.lap("emission")
-        jacobian = None
+        jacobian, gradient = None, None
         if names:
+            gradient = partial(self.gradient, given, camera=request.camera, max_error=request.max_error)
             jacobian, errors = derivatives_of(names, drawn, frame, self._rays)
             made = replace(made, jacobian_error=errors)
             clock.lap("derivatives")
@@ -203,7 +206,7 @@ class Renderer:
             clock.lap("products")
         made = replace(self._parts.plan(made), milliseconds=sum(clock.laps_ms.values()),
                        memory_bytes=self._added_bytes(frame))
-        return Image(irradiance_W_m2=irradiance, products=arrays, plan=made, jacobian=jacobian,
+        return Image(irradiance_W_m2=irradiance, products=arrays, plan=made, jacobian=jacobian, gradient=gradient,
                      small_bodies=self._parts.small_bodies(drawn.small_bodies), timings_ms=clock.laps_ms,
                      request=(self.scene, given, request.camera))
 
@@ -232,6 +235,8 @@ class Renderer:
             An argument breaks a rule, or the frame has what has no derivatives (docs/derivatives.md).
         """
         self._own.check()
+        if self._is_closed:
+            raise DeviceError("this renderer is closed, and gradients draw the frame anew: ask before it is closed")
         request = self._request(camera, max_error, None, None, WHOLE_IMAGE, True)
         if not callable(weights):
             weights = checked_weights(weights, (request.camera.height_px, request.camera.width_px))

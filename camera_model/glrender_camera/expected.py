@@ -58,6 +58,32 @@ def changed_electrons(model: CameraModel, changes_W_m2: np.ndarray, exposure_s: 
                                    for sign in (1.0, -1.0))) for each in changes_W_m2])
 
 
+def gathered_weights(model: CameraModel, weights: np.ndarray, exposure_s: float, *,
+                     relative_illumination: np.ndarray | None = None) -> np.ndarray:
+    """Weights (K, H, W) float64 of an irradiance image by those of its electrons (K, H, W): the sums are the same.
+
+    Optics turned by half a turn gather what they spread; where their point spread function varies over the frame, and
+    for ghosts, that holds of those which are symmetric about the axis.
+
+    Parameters
+    ----------
+    model, exposure_s, relative_illumination
+        As of `mean_electrons`.
+
+    Raises
+    ------
+    ConfigError
+    """
+    gathered = []
+    for each in weights:
+        # Float32 of all sizes.
+        size = float(np.abs(each).max()) or 1.0
+        turned = (each[::-1, ::-1] / size).astype(np.float32)
+        gathered.append(size * changed_electrons(model, turned[None], exposure_s)[0][::-1, ::-1].astype(np.float64))
+    found = np.array(gathered)
+    return found if relative_illumination is None else found * relative_illumination
+
+
 def scatter_electrons(detector: Detector, electrons: np.ndarray, exposure_s: float) -> np.ndarray:
     """Variance (H, W) [e-2] of the charge that is read out of pixels whose mean is known.
 

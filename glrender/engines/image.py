@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from glrender_camera import CameraModel, PinholeCamera
@@ -47,6 +48,8 @@ class Image:
         Scene, state and camera of the image.
     jacobian : Jacobian, optional
         Derivatives by the parameters that were asked for.
+    gradient : callable, optional
+        With derivatives: `Renderer.gradient` of the same frame by weights (height, width), while its renderer is open.
     """
 
     irradiance_W_m2: np.ndarray
@@ -56,6 +59,7 @@ class Image:
     small_bodies: tuple[SmallBody, ...] = ()
     request: tuple[Scene, State, PinholeCamera] | None = None
     jacobian: Jacobian | None = None
+    gradient: Callable[[np.ndarray], Mapping[str, Any]] | None = None
 
     def __repr__(self) -> str:
         height, width = self.irradiance_W_m2.shape
@@ -72,8 +76,8 @@ class Image:
         return self.plan.roi
 
     def information(self, model: CameraModel | None = None, unknown: Iterable[str] = UNKNOWN, *,
-                    components: Mapping[str, Sequence[int]] | None = None, exposure_s: float | str | None = None
-                    ) -> Information:
+                    components: Mapping[str, Sequence[int]] | None = None, exposure_s: float | str | None = None,
+                    shape_sigma: Sequence[float] | None = None) -> Information:
         """What the noise of a camera lets be known of the parameters that the image was differentiated by.
 
         Parameters
@@ -87,6 +91,10 @@ class Image:
             known; all by default.
         exposure_s : float [s] or "auto", optional
             The model's by default.
+        shape_sigma : (float, float) [m], optional
+            Standard deviation >= 0 of the heights of the bodies' shapes, and their correlation length > 0: heights at a
+            distance d correlate by exp(-d^2 / (2 length^2)). The covariance is then that of a fit which believes the
+            shapes; each parameter costs a gradient, by the renderer, which must be open.
 
         Raises
         ------
@@ -94,7 +102,7 @@ class Image:
         """
         if self.jacobian is None or self.request is None:
             raise ConfigError("derivatives", "must have been asked for", hint='derivatives=["spacecraft"] of render')
-        return Information.of(self, model, unknown, components, exposure_s)
+        return Information.of(self, model, unknown, components, exposure_s, shape_sigma)
 
     @cached_property
     def warnings(self) -> tuple[Advice, ...]:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from glrender_camera import Aberrations, CameraModel, ConfigError, Detector, Optics, psf
 from glrender_camera.convolution import Convolution, FieldConvolution
+from glrender_camera.expected import changed_electrons, gathered_weights
 from scipy.integrate import dblquad, quad
 from scipy.ndimage import convolve as scipy_convolve
 from scipy.special import j0, j1
@@ -254,3 +255,19 @@ def test_a_region_of_a_varying_field_knows_its_place():
     frames = [model.expose(image * np.float32(1e-8), 1, roi=roi) for roi in (None, (60, 20, 90, 50))]
     assert frames[0].dn.tobytes() == frames[1].dn.tobytes() and frames[0].dn.max() > 50
     assert "3 x 4 nodes over the frame" in frames[0].stages["psf"]
+
+
+def test_weights_of_electrons_are_gathered_as_light_is_spread():
+    """Of a skew kernel, of a dimmer edge and of smear: both sums of products are the same."""
+    generator = np.random.default_rng(3)
+    kernel = generator.random((3, 5))
+    model = CameraModel(optics=Optics(aperture_diameter_m=0.02, psf_measured=kernel / kernel.sum()),
+                        exposure_s=0.01, detector=Detector(quantum_efficiency=0.6, full_well_electrons=5e4, bit_depth=12,
+                                                           gain_DN_per_electron=0.08, frame_transfer_row_s=1e-5))
+    options = {"relative_illumination": generator.random((20, 30)).astype(np.float32)}
+    weights, light = generator.normal(size=(2, 1, 20, 30))
+    spread = changed_electrons(model, light.astype(np.float32), 0.01, **options)
+    gathered = gathered_weights(model, weights, 0.01, **options)
+    scale = np.linalg.norm(weights) * np.linalg.norm(spread)
+    assert abs((weights * spread).sum() - (gathered * light).sum()) < 1e-3 * scale
+    assert abs((weights * spread).sum()) > 0.01 * scale

@@ -11,11 +11,18 @@ from typing import Any
 import numpy as np
 from glrender_camera import CameraModel, PinholeCamera
 from glrender_camera.camera import checked_exposure
-from glrender_camera.expected import are_full, changed_electrons, mean_electrons, scatter_electrons
+from glrender_camera.expected import (
+    are_full,
+    changed_electrons,
+    gathered_weights,
+    mean_electrons,
+    scatter_electrons,
+)
 from glrender_camera.validate import did_you_mean, integer
 
 from ...base.errors import ConfigError
 from .jacobian import Jacobian
+from .shape_errors import checked_shape_sigma, shape_covariance
 
 UNKNOWN = ("gain", "offset")
 """What besides the parameters may be unknown of a frame: a factor on its light, and a level."""
@@ -29,6 +36,8 @@ _NOTHING = 1e-9
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Information:
     """What one frame lets be known of its parameters, by the noise of its camera (Cramer and Rao).
+
+    With the error of a shape, what a fit by the noise's weights that believes the shape knows of them.
 
     Attributes
     ----------
@@ -57,7 +66,7 @@ class Information:
 
     @classmethod
     def of(cls, image: Any, model: Any, unknown: Iterable[str], components: Mapping[str, Sequence[int]] | None,
-           exposure_s: float | str | None) -> Information:
+           exposure_s: float | str | None, shape_sigma: Sequence[float] | None) -> Information:
         """Of an `Image` with its derivatives and its request: `Image.information`."""
         jacobian, (*_, camera) = image.jacobian, image.request
         model = camera.model if model is None else model
@@ -67,11 +76,19 @@ class Information:
         chosen, warnings = _chosen(jacobian, components), ()
         sensor = Readout.of(model, camera, image.irradiance_W_m2, exposure_s)
         fit = Fit.of(sensor, jacobian, chosen, checked_unknown(unknown))
+        matrix, covariance = fit.matrix, fit.covariance
+        if shape_sigma is not None:
+            if image.gradient is None:
+                raise ConfigError("shape_sigma", "needs gradients by shapes, and this image has none",
+                                  tuple(shape_sigma), "draw it by Renderer.render")
+            shapes = {body.name: body.drawn_shape.vertices_m for body in image.request[0].bodies}
+            of_shape = shape_covariance(fit.pixel_weights(), image.gradient, shapes, checked_shape_sigma(shape_sigma))
+            matrix, covariance = np.linalg.solve(np.eye(len(chosen)) + matrix @ of_shape, matrix), covariance + of_shape
         names = tuple(jacobian.label(name, k) for name, k in chosen)
         if (psf_px := psf_width_px(model)) < _LEAST_PSF_PX:
             warnings = (f"the point spread function is {psf_px:.2g} px wide, and the image bends within a pixel: below "
                         f"{_LEAST_PSF_PX:g} px derivatives hold for errors of the noise's size alone",)
-        return cls(names=names, matrix=fit.matrix, covariance=fit.covariance, warnings=warnings, fit=fit,
+        return cls(names=names, matrix=matrix, covariance=covariance, warnings=warnings, fit=fit,
                    in_pixels_per_unit=np.array([_per_unit(jacobian, name, k, camera) for name, k in chosen]),
                    unknowable=tuple(name for name, is_hidden in zip(names, fit.is_hidden, strict=True) if is_hidden))
 
@@ -183,6 +200,14 @@ class Fit:
         covariance[is_hidden, is_hidden] = np.inf
         return cls(sensor=sensor, design=design, scale=scale, inverse=inverse, is_hidden=is_hidden,
                    matrix=scaled / (scale[:count] * scale[:count, None]), covariance=covariance)
+
+    def pixel_weights(self) -> np.ndarray:
+        """Weights (K, H, W) of changes of the irradiance, whose sums are what `explain` makes of them."""
+        sensor, count = self.sensor, len(self.inverse)
+        rows = self.scale[:count, None] * (self.inverse @ self.design[:, :count].T)
+        weights = rows.reshape(count, *sensor.electrons.shape) * sensor.weights
+        return gathered_weights(sensor.model, weights, sensor.exposure_s,
+                                relative_illumination=sensor.options["relative_illumination"])
 
     def explain(self, irradiance_W_m2: np.ndarray) -> np.ndarray:
         """Changes (K,) of the parameters that make of the image another one (H, W) [W/m2], as far as they can."""
