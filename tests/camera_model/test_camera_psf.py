@@ -261,9 +261,10 @@ def test_weights_of_electrons_are_gathered_as_light_is_spread():
     """Of a skew kernel, of a dimmer edge and of smear: both sums of products are the same."""
     generator = np.random.default_rng(3)
     kernel = generator.random((3, 5))
-    model = CameraModel(optics=Optics(aperture_diameter_m=0.02, psf_measured=kernel / kernel.sum()),
-                        exposure_s=0.01, detector=Detector(quantum_efficiency=0.6, full_well_electrons=5e4, bit_depth=12,
-                                                           gain_DN_per_electron=0.08, frame_transfer_row_s=1e-5))
+    detector = Detector(quantum_efficiency=0.6, full_well_electrons=5e4, gain_DN_per_electron=0.08, bit_depth=12,
+                        frame_transfer_row_s=1e-5)
+    model = CameraModel(optics=Optics(aperture_diameter_m=0.02, psf_measured=kernel / kernel.sum()), detector=detector,
+                        exposure_s=0.01)
     options = {"relative_illumination": generator.random((20, 30)).astype(np.float32)}
     weights, light = generator.normal(size=(2, 1, 20, 30))
     spread = changed_electrons(model, light.astype(np.float32), 0.01, **options)
