@@ -91,14 +91,12 @@ class Renderer:
             self._rays, self._engines = rays, ENGINES if rays is not None else ("raster",)
             if scene.lamps:
                 self._engines = _for_lamps(scene, rays)
-            self._bodies = {body.name: PreparedBody(
-                index=index, body=body, traits=body_traits(body), mesh=mesh,
-                solid=None if rays is None else rays.solid(body.name),
-                facets=None if coverage is None else coverage.facets(body.name))
-                for index, (body, mesh) in enumerate(zip(scene.bodies, meshes, strict=True))}
             self._wholes = {} if rays is None or coverage is None else {
-                body.name: (rays.solid(body.name), coverage.facets(body.name)) for body in rays.wholes
-                if body.name not in self._bodies}
+                body.name: (rays.solid(body.name), coverage.facets(body.name)) for body in rays.wholes}
+            held = [self._wholes.get(body.name, (None, None)) for body in scene.bodies]
+            self._bodies = {body.name: PreparedBody(
+                index=index, body=body, traits=body_traits(body), mesh=mesh, solid=solid, facets=facets)
+                for index, (body, mesh, (solid, facets)) in enumerate(zip(scene.bodies, meshes, held, strict=True))}
             self._left_out = between_walls(self.scene)
             self._shadows = Shadows(self._context, scene, self._bodies)
             stack.callback(self._shadows.close)
@@ -129,7 +127,8 @@ class Renderer:
     def info(self) -> dict[str, Any]:
         """The OpenGL that was found: backend, gl_renderer, gl_version, limits; the engines; the memory of each body."""
         memory_bytes = self._parts.memory_bytes({name: body.memory_bytes for name, body in self._bodies.items()})
-        for name, (solid, facets) in self._wholes.items():
+        for name in self._wholes.keys() - self._bodies.keys():
+            solid, facets = self._wholes[name]
             memory_bytes[name]["rays"] += own_bytes(solid)
             memory_bytes[name]["coverage"] += own_bytes(facets)
         return {**self._context.info, "engines": self._engines, "memory_bytes": memory_bytes}

@@ -27,9 +27,9 @@ class PreparedBody:
     mesh : Mesh
         For OpenGL.
     solid : RayMesh or None
-        For rays; None without Embree.
+        For rays; None without Embree, and of a part of a body: rays meet the whole.
     facets : FacetTables or None
-        For coverage; None too where facets are not evenly bright.
+        For coverage, likewise; None too where facets are not evenly bright.
     """
 
     index: int

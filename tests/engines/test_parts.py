@@ -95,7 +95,7 @@ def test_callers_see_one_body(renderer, body):
         for name in ("range", "incidence", "r_body"):
             np.testing.assert_allclose(image.products[name][~differs], want.products[name][~differs], atol=2e-5)
     assert list(renderer.info["memory_bytes"]) == ["sat"]
-    # Rays meet the parts and the whole, whose vertices float64 (V, 3) and facets int32 (F, 3) are counted too.
+    # Rays meet the whole, whose vertices float64 (V, 3) and facets int32 (F, 3) are counted with it.
     with Renderer(views.scene([alone], [views.camera(72, 394.0)])) as one:
         least = one.info["memory_bytes"]["sat"]["rays"] + 24 * len(body.shape.vertices_m) + 12 * len(body.shape.facets)
     assert renderer.info["memory_bytes"]["sat"]["rays"] >= least

@@ -60,6 +60,7 @@ class AimedRays:
     def __init__(self, engine: RayEngine, camera: PinholeCamera, views: list[BodyView], roi: tuple[int, int, int, int]):
         self._roi, (x0, y0, x1, y1), self._has_lamps = roi, roi, bool(engine.scene.lamps)
         self.shape = (y1 - y0, x1 - x0)
+        views = list(engine.blockers(views))
         self._bodies = [_FacingFacets(engine, camera, view, views, roi) for view in views if view.is_visible]
 
     @property

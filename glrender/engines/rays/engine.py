@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import operator
 import threading
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -82,18 +82,18 @@ class RayEngine:
 
     def __init__(self, scene: Scene):
         self.scene, self.wholes = scene.of_parts, tuple(map(_whole, scene.bodies))
-        self._solids = {body.name: _Solid(body) for body in dict.fromkeys((*self.wholes, *self.scene.bodies))}
+        self._solids = {body.name: _Solid(body) for body in self.wholes}
         self._blockers_of: tuple[tuple[BodyView, ...], list[BodyView]] = ((), [])
         self._near: dict[str, NearMesh] = {}
         self._lock = threading.Lock()
 
     def solid(self, name: str) -> RayMesh:
-        """The full shape of a body or a part."""
+        """The full shape of one of `wholes`."""
         return self._solids[name]
 
-    def near_bytes(self, views: Iterable[BodyView]) -> int:
+    def near_bytes(self, views: Sequence[BodyView]) -> int:
         """Memory [byte] of the facets near a frame's camera: `NearMesh.memory_bytes`."""
-        nears = [(view, self._near.get(view.name)) for view in views]
+        nears = [(view, self._near.get(view.name)) for view in self.blockers(views)]
         return sum(near.memory_bytes for view, near in nears if near is not None and near.is_at(view.r_camera_body_m))
 
     def close(self) -> None:
