@@ -29,12 +29,13 @@ class Surface:
     @property
     def is_even(self) -> bool:
         """Whether a facet in sunlight is as bright all over, where no surface detail is drawn."""
-        return not self.body.smooth_normals and not self.has_texture
+        return not self.n_uneven
 
     @property
-    def has_texture(self) -> bool:
-        """Whether a map scales the albedo of any of its parts."""
-        return any(part.albedo_map is not None for part in self.body.parts)
+    def n_uneven(self) -> int:
+        """Facets that are not, by a map or smooth normals."""
+        return sum(len(part.shape.facets) for part in self.body.parts
+                   if part.smooth_normals or part.albedo_map is not None)
 
     def in_parts(self, facet: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Which of the body's parts facets (N,) are in, and their numbers (N,) there."""

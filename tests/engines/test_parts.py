@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 import views
 from few_facets import light as traced
-from glb_parts import SHEET_UV, glb, material, png, sheet
+from glb_parts import SHEET, SHEET_UV, glb, material, png, sheet
 from glrender import Body, ConfigError, Pose, Renderer, SceneError, State, frames, open_renderer
 from glrender.base.constants import AU_M
 from glrender.brdf import Lambert
 from glrender.engines.cycles import Cycles
 from glrender.engines.cycles.backend import has_two_faces
 from glrender.engines.parts import Parts
+from glrender.engines.rays.aimed import AimedRays
 from glrender.engines.rays.engine import RayEngine
 from glrender.scene.body import PART
 from glrender.view.view import view_bodies
@@ -74,6 +75,10 @@ def test_a_craft_of_four_materials_is_as_rays_see_it(renderer, body, r_camera):
         light = image.irradiance_W_m2.astype(float)
         assert views.relative_rms(light, truth) < np.hypot(image.plan.predicted_error, 0.016), way
         assert abs(light.sum() / truth.sum() - 1.0) < (0.01 if way == "OpenGL" else 0.004), way
+    engine, camera = RayEngine(renderer.scene), renderer.scene.cameras[0]
+    seen = view_bodies(Parts(renderer.scene).state(state, camera), camera, engine.scene.hulls)
+    light, error = AimedRays(engine, camera, seen, (0, 0, 72, 72)).until(0.01, np.random.default_rng(0))
+    assert views.relative_rms(light.reshape(72, 72).astype(float), truth) < np.hypot(error, 0.016)
 
 
 def test_callers_see_one_body(renderer, body):
@@ -129,6 +134,31 @@ def test_rays_see_of_a_body_those_parts_that_are_asked_for(renderer, body):
     each = [engine.irradiance(place, camera, [replace(view, is_visible=view is one) for view in seen]) for one in seen]
     assert all(light.any() for light in each) and (np.count_nonzero(each, axis=0) <= 1).all()
     np.testing.assert_allclose(sum(each), engine.irradiance(place, camera, seen), rtol=1e-12)
+
+
+def test_a_map_of_many_facets_leaves_coverage_to_other_parts(tmp_path):
+    """A box, and next to it a sheet of 10,368 facets with an even grey, each in a region of its own."""
+    y, x = np.mgrid[0:73, 0:73] / 72.0 - 0.5
+    k = np.arange(72 * 73).reshape(72, 73)[:, :-1].ravel()
+    quads = np.stack([k, k + 1, k + 74, k, k + 74, k + 73], axis=1).reshape(-1, 3)
+    dense = np.stack([x.ravel(), y.ravel(), 0.0 * x.ravel()], axis=1)
+    pieces = [(*box((-0.5,) * 3, (0.5,) * 3), 0, {"translation": [-3.0, 0.0, 0.0]}, None),
+              (dense, quads, 1, {"translation": [3.0, 0.0, 0.0], "scale": [2.0, 2.0, 1.0]}, dense[:, :2] + 0.5)]
+    given = [material("box", 0.5), material("map", baseColorTexture={"index": 0})]
+    file = glb(tmp_path / "a.glb", pieces, given, [png(np.full((2, 2), 255, np.uint8))])
+    laws = {"box": GREY, "map": Lambert(normal_albedo=0.6)}
+    body = Body.from_file(file, name="sat", length_unit="m", materials=laws)
+    state, camera = looking((2.0, -8.0, 16.0)), views.camera(96, 150.0)
+    vertices, facets = SHEET
+    corners = [body.parts[0].shape.vertices_m[body.parts[0].shape.facets],
+               (vertices * [2.0, 2.0, 1.0] + [3.0, 0.0, 0.0])[facets]]
+    truth = traced(list(zip(corners, laws.values(), strict=True)), camera, state, views.SOLAR_IRRADIANCE_W_M2)
+    with Renderer(views.scene([body], [camera], sun_disc=False)) as made:
+        image = made.render(state, max_error=0.02)
+    assert [window.engine == "coverage" for window in image.plan.windows] == [True, False]
+    light = image.irradiance_W_m2.astype(float)
+    assert views.relative_rms(light, truth) < np.hypot(image.plan.predicted_error, 0.016)
+    assert abs(light.sum() / truth.sum() - 1.0) < 0.004
 
 
 @pytest.mark.parametrize("has_lens", [False, True])

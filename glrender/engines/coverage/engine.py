@@ -54,9 +54,10 @@ class CoverageEngine:
 
     def __init__(self, scene: Scene, rays: RayEngine):
         self._scene, self._rays, self._brdf_tables = scene, rays, BrdfTables()
-        # Uneven ones show what samples miss; large shapes have facets far smaller than their thinnest parts.
+        # Uneven ones show what samples miss; large shapes have facets far smaller than their thinnest parts. Of a body
+        # with a map on some of many facets others may be drawn.
         self._facets = {body.name: FacetTables(body, rays.solid(body.name)) for body in rays.wholes
-                        if Surface(body).is_even or len(body.drawn_shape.facets) < FEWEST_CENTROIDS}
+                        if Surface(body).n_uneven < max(len(body.shape.facets), FEWEST_CENTROIDS)}
 
     def facets(self, name: str) -> FacetTables | None:
         """A body's tables; None where its facets are not evenly bright."""

@@ -76,7 +76,7 @@ class FacetTables:
         if body.smooth_normals:
             self.shading_normal = np.ascontiguousarray(self.surface.normals(self.number).T)
         self.albedo_scale = np.broadcast_to(1.0, self.n_facets)
-        if self.surface.has_texture:
+        if not self.surface.is_even:
             self.albedo_scale = np.mean([self.surface.albedo_scale(self.number, np.tile(at, (self.n_facets, 1)))
                                          for at in np.eye(3)], axis=0)
         self.solid, self.crease_rad = solid, shape.crease_rad
