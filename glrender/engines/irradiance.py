@@ -20,7 +20,7 @@ from ..planner.adaptive_samples import frame_error, pixel_errors, pixel_means, p
 from ..planner.engine_choice import MOST_FACETS_PER_PX, MOST_FIRST_SAMPLES
 from ..planner.error_budget import ECLIPSE_SHARE
 from ..planner.frame_plan import FramePlan
-from ..planner.plan import LEAK, UNEVEN, WindowPlan
+from ..planner.plan import HARD, LEAK, UNEVEN, WindowPlan
 from ..planner.request import MAX_SAMPLES
 from ..planner.small_body_grid import MAX_RAYS_ACROSS
 from ..view.regions import Group
@@ -279,8 +279,8 @@ class IrradiancePass:
         # Edges of shadows lie where the map's texels put them, however many samples see them.
         edges = now * window.samples**(0.5 * power) * math.sqrt(window.shadow_share)
         if check is not None:
-            # Rays have seen what leaks as well, which was modelled before.
-            edges, modelled = check.error, {**window.modelled, LEAK: 0.0}
+            # Rays have seen what leaks and penumbras as well, which were modelled before.
+            edges, modelled = check.error, {**window.modelled, LEAK: 0.0, HARD: 0.0}
             window = replace(window, modelled=modelled, flux_error=math.hypot(window.flux_error, check.flux_error))
         floor = math.hypot(window.modelling_error, edges)
         left = window.budget.left_after(floor)

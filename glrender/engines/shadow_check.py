@@ -1,4 +1,4 @@
-"""The error of shadow maps where a part of a body is seen: rays look at some pixels of what OpenGL has drawn."""
+"""The error of shadows where a part of a body is seen: rays look at some pixels of what OpenGL has drawn."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ import numpy as np
 
 from ..planner.plan import WindowPlan
 from .raster.surface_pass import Frame
-from .rays.engine import R2, RayEngine, places_in
+from .rays.engine import R2, RayEngine, draws, places_in
 
-# Pixels that are looked at: an error of 1 % in RMS is in 1 of 10,000 pixels, if it is as large as the mean.
-_PIXELS = 1 << 14
+# Pixels that are looked at, by one ray each: a shadow of a few pixels may be all that errs.
+_PIXELS = 1 << 18
 
 
 class ShadowCheck:
     """Pixels of a window that are spread over it, as OpenGL and as rays from the same samples light them.
 
     A part of a body may show no shadow's edge, or edges alone, near or far: neither its outline nor the contrast of its
-    image tells them from the edges of facets.
+    image tells them from the edges of facets. Rays of the Sun's disc see penumbras, of which OpenGL draws hard edges.
 
     Parameters
     ----------
@@ -33,9 +33,11 @@ class ShadowCheck:
         n_px = (x1 - x0) * (y1 - y0)
         share = 0.5 + np.arange(min(_PIXELS, n_px))[:, None] * R2
         place = np.floor((share - np.floor(share)) * [x1 - x0, y1 - y0]).astype(int)
-        self._column, self._row = np.unique(place, axis=0).T
-        self._light, self._n_lit = 0.0, 0
-        self._difference: list[np.ndarray] = []
+        self._row, self._column = np.divmod(np.unique(place @ [1, x1 - x0]), x1 - x0)
+        # The sample that is looked at first, of each pixel.
+        self._first = np.random.default_rng(0).integers(window.samples**2, size=len(self._row))
+        self._light = self._n_lit = 0.0
+        self._difference, self._weight = [np.zeros(0)], [np.zeros(0)]
 
     @staticmethod
     def is_needed(window: WindowPlan, frame: Frame) -> bool:
@@ -48,25 +50,40 @@ class ShadowCheck:
         rows, columns = tile
         inside = np.flatnonzero((self._row >= rows.start) & (self._row < rows.stop)
                                 & (self._column >= columns.start) & (self._column < columns.stop))
-        count, (x0, y0, *_) = self._window.samples, self._window.roi
-        row, column = places_in(self._row[inside], self._column[inside], count)
-        drawn = samples[row - count * rows.start, column - count * columns.start].astype(np.float64)
-        pixel = np.stack([x0 - 0.5 + (column + 0.5) / count, y0 - 0.5 + (row + 0.5) / count], axis=1)
-        seen = self._frame.only(self._window.bodies)
-        lit, exact = self._rays.are_lit(pixel, self._frame.camera, seen), drawn.copy()
-        other = np.flatnonzero(lit != (exact > 0.0))
-        exact[other] = self._rays.irradiance(pixel[other], self._frame.camera, seen, None)
-        drawn, exact = (each.reshape(-1, count**2) for each in (drawn, exact))
-        self._light += float(exact.sum()) / count**2
-        self._difference.append((drawn - exact).mean(axis=1))
-        self._n_lit += int((np.maximum(drawn, exact) > 0.0).any(axis=1).sum())
+        row, column, first, n = self._row[inside], self._column[inside], self._first[inside], self._window.samples
+        down, across = row - rows.start, column - columns.start
+        light = samples.reshape(samples.shape[0] // n, n, -1, n).mean(axis=(1, 3), dtype=np.float64)[down, across]
+        is_other, _ = self._differences(n * row + first // n, n * column + first % n,
+                                        samples[n * down + first // n, n * across + first % n])
+        other = np.flatnonzero(is_other)
+        drawn = samples[places_in(down[other], across[other], n)]
+        are_other, difference = (each.reshape(-1, n**2) for each in self._differences(
+            *places_in(row[other], column[other], n), drawn))
+        # A pixel is found the more rarely, the fewer of its samples differ.
+        self._weight.append(n**2 / are_other.sum(axis=1))
+        self._difference.append(difference.mean(axis=1))
+        self._light += float(light.sum() - self._weight[-1] @ self._difference[-1])
+        self._n_lit += np.count_nonzero(light) + float(self._weight[-1][light[other] == 0.0].sum())
+
+    def _differences(self, row: np.ndarray, column: np.ndarray, drawn: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Which samples (K,) by their rows and columns in the window rays find lit or dark otherwise, and by how much.
+
+        Light (K,) [W/m2 per pixel] that was drawn less that of rays.
+        """
+        n, (x0, y0, *_), seen = self._window.samples, self._window.roi, self._frame.only(self._window.bodies)
+        pixel = np.stack([x0 - 0.5 + (column + 0.5) / n, y0 - 0.5 + (row + 0.5) / n], axis=1)
+        draw, difference = draws(row, column, n), np.zeros(len(drawn))
+        is_other = self._rays.are_lit(pixel, self._frame.camera, seen, draw) != (drawn > 0.0)
+        some = np.flatnonzero(is_other)
+        difference[some] = drawn[some] - self._rays.irradiance(pixel[some], self._frame.camera, seen, draw[some])
+        return is_other, difference
 
     @property
     def error(self) -> float:
         """RMS error [1] over the mean of the lit pixels, with a deviation of its own; 0 where none is lit."""
         if not self._light > 0.0:
             return 0.0
-        squared = (np.concatenate(self._difference) / (self._light / self._n_lit)) ** 2
+        squared = np.concatenate(self._weight) * (np.concatenate(self._difference) / (self._light / self._n_lit)) ** 2
         return math.sqrt((squared.sum() + math.sqrt((squared**2).sum())) / self._n_lit)
 
     @property
@@ -74,5 +91,5 @@ class ShadowCheck:
         """Error of the total light [1], with a deviation of its own; 0 where none is lit."""
         if not self._light > 0.0:
             return 0.0
-        difference = np.concatenate(self._difference) / self._light
+        difference = np.concatenate(self._weight) * np.concatenate(self._difference) / self._light
         return abs(float(difference.sum())) + math.sqrt(float((difference**2).sum()))

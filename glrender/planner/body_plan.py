@@ -9,7 +9,7 @@ from glrender_camera import PinholeCamera
 from ..view.view import BodyView
 from .error_budget import SHADOW_MAP_SHARE, Budget
 from .error_model import BodyTraits, leaked_flux, rounding_error, usual_edges
-from .plan import LEAK, BodyPlan
+from .plan import HARD, LEAK, BodyPlan
 from .seen import Seen
 
 SHADOW_SIZES_PX = tuple(2**k for k in range(8, 17))
@@ -35,7 +35,7 @@ def plan_body(body: Seen, camera: PinholeCamera, budget: Budget | None) -> BodyP
     modelled = {"coordinates": rounding_error(view, traits, is_relative)}
     if shadow_px is not None:
         modelled |= {LEAK: min(_LEAK_RMS * leaked_flux(view, traits, shadow_px), 1.0),
-                     "hard edges": body.penumbra.hard_error}
+                     HARD: body.penumbra.hard_error}
     return BodyPlan(
         name=view.name, is_visible=view.is_visible, n_facets=traits.n_facets, law=traits.law,
         shadow_map_px=shadow_px, shadow_map_reused=False, relative_to_camera=is_relative,

@@ -28,7 +28,7 @@ from .error_model import (
     parallel_error,
     ray_rounding_error,
 )
-from .plan import CENTROIDS, ONE_DIRECTION, SLIVERS, UNEVEN, BodyPlan, Target, WindowPlan
+from .plan import CENTROIDS, HARD, ONE_DIRECTION, SLIVERS, UNEVEN, BodyPlan, Target, WindowPlan
 from .request import MAX_SAMPLES, Request
 from .seen import Seen
 from .small_body_grid import CELL_PX, MAX_RAYS_ACROSS, samples_across, sampling_errors
@@ -278,7 +278,7 @@ def _coverage(part: _Part) -> list[WindowPlan]:
     least = CENTROIDS_LEAST * max(math.tan(half_rad) / math.tan(math.radians(30.0)), 1.0) ** _CENTROIDS_POWER
     view, traits = bodies[0].view, bodies[0].traits
     allowed = request.budget(group, centroids(part.noise("coverage")[0]))
-    modelled["hard edges"] = max(body.penumbra.hard_error for body in bodies)
+    modelled[HARD] = max(body.penumbra.hard_error for body in bodies)
     of_flux = {**of_flux, CENTROIDS: least}
     is_too_much = allowed.rms_of(modelled, of_flux) > PENUMBRA_SHARE * allowed.tolerance
     # Where bodies hide or shade each other facets are clipped at the edges anyway.

@@ -21,8 +21,9 @@ ONE_DIRECTION, SLIVERS, CENTROIDS = "one direction to the Sun", "slivers", "cent
 """Causes of error: one that no point spread function averages, and two of which all of a body's light errs."""
 UNEVEN = "uneven facets"
 """The cause of error that rays may cure in the pixels that they settle."""
-LEAK = "shadow map"
-"""The cause of error that rays measure where a part of a body is seen: light that leaks through its shadow map."""
+LEAK, HARD = "shadow map", "hard edges"
+"""Causes of error that rays measure where a part of a body is seen: light that leaks through its shadow map, and hard
+edges in place of penumbras."""
 EMISSION_LEFT_OUT = "emission around"
 """How a plan begins to say that light which no surface scatters is not in the image."""
 

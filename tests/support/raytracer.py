@@ -14,10 +14,10 @@ from embreex import rtcore_scene
 from embreex.mesh_construction import TriangleMesh
 from scipy.spatial.transform import Rotation
 
-AU_M = 149_597_870_700.0
+AU_M, SUN_RADIUS_M = 149_597_870_700.0, 695_700_000.0
 
 
-def trace(bodies, camera, state, solar_irradiance_1au_W_m2, samples=4):
+def trace(bodies, camera, state, solar_irradiance_1au_W_m2, samples=4, sun_disc=False):
     """Irradiance of each pixel, and the facet at its centre.
 
     Parameters
@@ -27,6 +27,8 @@ def trace(bodies, camera, state, solar_irradiance_1au_W_m2, samples=4):
     state : State
     samples : int
         Along a pixel's side, on a regular grid.
+    sun_disc : bool
+        Whether each of them has its own point of the Sun's disc.
 
     Returns
     -------
@@ -36,7 +38,7 @@ def trace(bodies, camera, state, solar_irradiance_1au_W_m2, samples=4):
     range_m : (H, W) float64
         At the pixel's centre; only for odd `samples`.
     """
-    return Tracer(bodies, camera, state).irradiance(solar_irradiance_1au_W_m2, samples)
+    return Tracer(bodies, camera, state).irradiance(solar_irradiance_1au_W_m2, samples, sun_disc)
 
 
 class Tracer:
@@ -64,8 +66,9 @@ class Tracer:
         self._sun_distance_au = np.linalg.norm(sun, axis=1) / AU_M
         self._sun = sun / np.linalg.norm(sun, axis=1, keepdims=True)
 
-    def irradiance(self, solar_irradiance_1au_W_m2, samples):
+    def irradiance(self, solar_irradiance_1au_W_m2, samples, sun_disc=False):
         """Irradiance as of `trace`."""
+        on_disc = self._on_disc(samples**2) if sun_disc else itertools.repeat(self._sun)
         camera, scene, scale = self._camera, self._scene, self._scale
         height, width = camera.height_px, camera.width_px
         total = np.zeros(height * width)
@@ -73,7 +76,7 @@ class Tracer:
         offsets = (np.arange(samples) + 0.5) / samples - 0.5
         y, x = np.mgrid[0:height, 0:width]
         cx, cy = camera.principal_point_px
-        for dx, dy in itertools.product(offsets, offsets):
+        for (dx, dy), sun in zip(itertools.product(offsets, offsets), on_disc):  # noqa: B905 - the Sun goes on
             ray = np.stack([(x + dx - cx).ravel(), (y + dy - cy).ravel(),
                             np.full(height * width, camera.focal_length_px)], axis=1)
             length = np.linalg.norm(ray, axis=1, keepdims=True)
@@ -85,7 +88,7 @@ class Tracer:
             n = self._normals[f]
             distance = np.einsum("ij,ij->i", self._corners[f, 0], n) / np.einsum("ij,ij->i", d, n)
             point = d * distance[:, None]
-            to_sun = self._sun[self._owner[f]]
+            to_sun = sun[self._owner[f]]
             lit = np.flatnonzero((np.einsum("ij,ij->i", n, to_sun) > 0.0)
                                  & (np.einsum("ij,ij->i", n, d) < 0.0))
             # Float32 about the camera puts a facet off by its farthest corner's rounding.
@@ -103,6 +106,18 @@ class Tracer:
                 centre_facet[hit], centre_range[hit] = f, distance
         return ((total / samples**2).reshape(height, width), centre_facet.reshape(height, width),
                 centre_range.reshape(height, width))
+
+
+    def _on_disc(self, count):
+        """Directions (bodies, 3) of points that fill the Sun's disc, in an order at random."""
+        across = np.cross(self._sun[0], np.eye(3)[np.abs(self._sun[0]).argmin()])
+        across /= np.linalg.norm(across)
+        along = np.cross(self._sun[0], across)
+        for k in np.random.default_rng(0).permutation(count):
+            radius, angle = np.sqrt((k + 0.5) / count), k * np.pi * (3.0 - np.sqrt(5.0))
+            aside = SUN_RADIUS_M / AU_M * radius * (np.cos(angle) * across + np.sin(angle) * along)
+            sun = self._sun + aside / self._sun_distance_au[:, None]
+            yield sun / np.linalg.norm(sun, axis=1, keepdims=True)
 
 
 def _first_hit(scene, origins, directions):

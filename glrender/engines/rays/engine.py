@@ -102,17 +102,16 @@ class RayEngine:
         self._near.clear()
 
     def irradiance(self, pixel: np.ndarray, camera: PinholeCamera, views: list[BodyView],
-                   draw: np.ndarray | int | None = 0) -> np.ndarray:
+                   draw: np.ndarray | int = 0) -> np.ndarray:
         """Irradiance (N,) float64 [W/m2 per pixel] of places in the image (N, 2) [px].
 
         If the scene's Sun has a disc, each place is lit by one of its points, the `draw`-th (N,) of the
-        pixel: the mean of a pixel's draws 0, 1, 2, ... has penumbras. Without a draw the Sun's middle lights all.
+        pixel: the mean of a pixel's draws 0, 1, 2, ... has penumbras.
         """
-        value = np.zeros(len(pixel))
-        draws = np.broadcast_to(draw, len(pixel)) if self.scene.sun_disc and draw is not None else None
+        value, draw = np.zeros(len(pixel)), np.broadcast_to(draw, len(pixel))
 
         def trace(part: slice) -> None:
-            self._trace(value[part], pixel[part], camera, views, None if draws is None else draws[part])
+            self._trace(value[part], pixel[part], camera, views, draw[part])
 
         threads.run_in_parts(trace, len(pixel), RAYS_AT_ONCE)
         return value
@@ -132,13 +131,14 @@ class RayEngine:
             value[rows] = self.irradiance(pixel, camera, views, draw).reshape(-1, len(x_px))
         return value
 
-    def are_lit(self, pixel: np.ndarray, camera: PinholeCamera, views: list[BodyView]) -> np.ndarray:
-        """Whether places in the image (N, 2) [px] show ground in the light of the Sun's middle: (N,) bool."""
+    def are_lit(self, pixel: np.ndarray, camera: PinholeCamera, views: list[BodyView], draw: np.ndarray) -> np.ndarray:
+        """Whether places in the image (N, 2) [px] show ground in sunlight, by draws (N,) as of `irradiance`: (N,)."""
         found = np.zeros(len(pixel), bool)
 
         def look(part: slice) -> None:
+            on_disc = self._on_disc(pixel[part], camera, draw[part])
             for view, hits in self._first(camera.directions(pixel[part]).T, views):
-                facing, *_, is_lit = self._facing(hits, view, views)
+                facing, *_, is_lit = self._facing(hits, view, views, on_disc)
                 found[part][facing.place] = is_lit & (dot(facing.normal, facing.ray) < 0.0)
 
         threads.run_in_parts(look, len(pixel), RAYS_AT_ONCE)
@@ -256,10 +256,9 @@ class RayEngine:
         return made
 
     def _trace(self, value: np.ndarray, pixel: np.ndarray, camera: PinholeCamera, views: list[BodyView],
-               draw: np.ndarray | None) -> None:
+               draw: np.ndarray) -> None:
         """Write the irradiance (N,) of places (N, 2) [px]."""
-        ray = camera.directions(pixel).T
-        on_disc = None if draw is None else partial(_on_disc, pixel, camera.principal_point_px, draw)
+        ray, on_disc = camera.directions(pixel).T, self._on_disc(pixel, camera, draw)
 
         def per_pixel(radiance: np.ndarray, place: np.ndarray) -> np.ndarray:
             off_axis = ray[2].take(place)
@@ -313,6 +312,11 @@ class RayEngine:
             normal = relief.normals(normal, r_body_m.T, range_m / camera.focal_length_px, to_camera)
         brdf = surface.brdf(to_light.T, to_camera, normal, surface.albedo_scale(facet, weights), facet)
         return brdf * np.maximum(dot(normal.T, to_light), 0.0)
+
+    def _on_disc(self, pixel: np.ndarray, camera: PinholeCamera, draw: np.ndarray
+                 ) -> Callable[[np.ndarray], np.ndarray] | None:
+        """Places on the Sun's disc as `_facing` takes them; None of a point Sun."""
+        return partial(_on_disc, pixel, camera.principal_point_px, draw) if self.scene.sun_disc else None
 
     def _facing(self, hits: Hits, view: BodyView, views: list[BodyView],
                 on_disc: Callable[[np.ndarray], np.ndarray] | None = None
