@@ -12,7 +12,7 @@ import pytest
 from glrender import ConfigError, PinholeCamera, Pose, State
 from glrender.base.constants import AU_M
 from glrender.scenario.exports.exports import EXPORTS, exports_of, refuse_others
-from glrender.scenario.exports.flight import Flight
+from glrender.scenario.exports.flight import Flight, in_capitals
 from glrender_camera import BrownConrady
 from missing import needed_module
 from scipy.spatial.transform import Rotation
@@ -232,6 +232,11 @@ def without_date(state):
     ({"ids": {"rok": 5}}, ["oem"], "ids: must be of Orbiter, rock, moon, got 'rok'"),
     ({"ids": {"Orbiter": 5}}, ["oem"], "ids.Orbiter: must be "),
     ({"spacecraft": "Nav-Cam"}, ["oem"], "must differ in more than case"),
+    ({"spacecraft": "Sun"}, ["oem"], "and the Sun must differ in more than case"),
+    ({"spacecraft": "67"}, ["oem"], "name: must have a letter"),
+    ({"radii_m": {"rock": 1.0, "other": 1.0}}, ["oem"], "states[0].bodies: must have every body of the scene"),
+    ({"ids": {"rock": 301}}, ["spk"], "ids: must give each body a number of its own"),
+    ({"ids": {"moon": 10}}, ["ck"], "and none the Sun's"),
     ({"spacecraft": "a name of more than twenty letters"}, ["oem"], "at most 20 letters"),
     ({"camera": replace(CAMERA, distortion=BrownConrady(k1=0.01))}, ["isd"],
      "cameras.Nav cam.distortion: must be absent for isd")])
@@ -239,6 +244,10 @@ def test_what_a_file_cannot_hold_is_refused(changes, names, words):
     with pytest.raises(ConfigError) as caught:
         exports_of(flight(**changes), names)
     assert words in str(caught.value)
+
+
+def test_names_of_comets_may_begin_with_digits():
+    assert in_capitals("67P/C-G") == "67P_C_G"
 
 
 def test_other_contents_are_not_written_over(tmp_path):

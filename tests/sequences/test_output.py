@@ -108,6 +108,10 @@ def test_a_command_draws_what_the_table_asks_for(tmp_path, capsys):
     oem.write_text("another's")
     assert main(command) == 1 and f"--with: must not write over a file with other contents, got '{oem}'" in (
         capsys.readouterr().err)
+    assert main([*command, "--write-states", str(tmp_path / "states")]) == 1
+    assert main(["sequence", file, "--out", str(tmp_path / "out"), "--ids", "probe=-5"]) == 1
+    text = capsys.readouterr().err
+    assert "--with: has no effect here" in text and "--ids: has no effect here" in text
     assert main([*command, "--with", "pds4"]) == 1 and "must be one of 'oem', 'aem'" in capsys.readouterr().err
     assert main([*command, "--ids", "probe"]) == 1 and "--ids: must be NAME=NUMBER" in capsys.readouterr().err
 

@@ -53,16 +53,18 @@ class Flight:
     def __post_init__(self):
         text("spacecraft", self.spacecraft)
         for index, state in enumerate(self.states):
+            if lacking := [name for name in self.radii_m if name not in state.bodies]:
+                raise ConfigError(f"states[{index}].bodies", "must have every body of the scene", lacking)
             if state.date_tdb is None:
                 raise ConfigError(f"states[{index}].date_tdb", "missing: other tools' files have dates",
                                   hint="give the scenario a time.start_tdb, or each state a date_tdb")
             if index and not self.epochs[index] > self.epochs[index - 1]:
                 raise ConfigError(f"states[{index}].date_tdb", "must be later than that of the state before",
                                   state.date_tdb, "put the states in order, with one state a date")
-        names = [self.spacecraft, self.camera.name, *self.radii_m]
+        names = ["sun", self.spacecraft, self.camera.name, *self.radii_m]
         if len({in_capitals(name) for name in names}) < len(names):
-            raise ConfigError("spacecraft", "and the names of camera and bodies must differ in more than case and "
-                              "punctuation", names, "rename one")
+            raise ConfigError("spacecraft", "and the names of camera, bodies and the Sun must differ in more than case "
+                              "and punctuation", names, "rename one")
         for name in self.ids:
             if name not in (known := (self.spacecraft, *self.radii_m)):
                 raise ConfigError("ids", f"must be of {', '.join(known)}", name)
@@ -141,9 +143,9 @@ class Flight:
 
 
 def in_capitals(name: str) -> str:
-    """A name as kernels have it: A to Z, digits and underscores, of at most 20."""
+    """A name as kernels have it: A to Z, digits and underscores, at most 20; digits alone would be a number."""
     made = re.sub(r"[^A-Z0-9]+", "_", name.upper()).strip("_")
-    if not 0 < len(made) <= _MOST_LETTERS or not made[0].isalpha():
-        raise ConfigError("name", f"must begin with a letter and have at most {_MOST_LETTERS} letters and digits in "
-                          "other tools' files", name, "rename it")
+    if len(made) > _MOST_LETTERS or not re.search("[A-Z]", made):
+        raise ConfigError("name", f"must have a letter, and at most {_MOST_LETTERS} letters and digits in other tools' "
+                          "files", name, "rename it")
     return made

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from ...base.errors import ConfigError
 from ..spice.kernels import spiceypy_of
 from .flight import Flight, in_capitals
 from .text_kernels import TICKS_PER_S, Codes
@@ -23,15 +24,25 @@ _MOST_TURN_RAD = 0.5 * np.pi
 
 
 def codes_of(flight: Flight) -> Codes:
-    """The numbers of a flight: a body that SPICE knows by its name has SPICE's."""
-    tool = spiceypy_of("exports.spk and ck")
+    """The numbers of a flight: a body that SPICE knows by its name has SPICE's.
+
+    Raises
+    ------
+    ConfigError
+        Two bodies of one number; spiceypy missing.
+    """
+    tool = spiceypy_of("exports")
     known = {}
     for name in flight.radii_m:
         try:
             known[name] = tool.bodn2c(in_capitals(name))
         except tool.utils.exceptions.NotFoundError:
             continue
-    return Codes(flight=flight, known=known)
+    codes = Codes(flight=flight, known=known)
+    numbers = {name: codes.body(name) for name in flight.radii_m}
+    if len({*numbers.values(), _SUN}) <= len(numbers):
+        raise ConfigError("ids", "must give each body a number of its own, and none the Sun's", numbers)
+    return codes
 
 
 def spk(flight: Flight) -> bytes:
@@ -40,7 +51,7 @@ def spk(flight: Flight) -> bytes:
     Source: NAIF, SPK Required Reading: Hermite interpolation of states at unequal steps; km, km/s, J2000.
     """
     flight.needs_two("spk")
-    tool, codes, et_s = spiceypy_of("exports.spk"), codes_of(flight), flight.et_s
+    tool, codes, et_s = spiceypy_of("exports"), codes_of(flight), flight.et_s
     centre = codes.body(flight.about)
     sun = flight.rows_of_sun()
     tracks = [(flight.spacecraft, codes.spacecraft, centre, flight.rows(flight.spacecraft)),
@@ -65,7 +76,7 @@ def ck(flight: Flight) -> bytes:
     Source: NAIF, CK Required Reading: SPICE's quaternion of `b_from_a` is `q_b_from_a`, angular velocities are in the
     base frame's axes; clocks' ticks are those of the flight's own SCLK.
     """
-    tool, codes = spiceypy_of("exports.ck"), codes_of(flight)
+    tool, codes = spiceypy_of("exports"), codes_of(flight)
     ticks = (flight.et_s - codes.clock_start_s) * TICKS_PER_S
 
     def write(path: str) -> None:

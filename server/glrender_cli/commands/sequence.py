@@ -56,9 +56,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--video-rate-hz", type=float, default=25.0, metavar="HZ")
     parser.add_argument("--with", dest="exports", metavar="NAMES", default="",
                         help=f"write files of other tools too, out of {','.join(EXPORTS)}")
-    parser.add_argument("--ids", nargs="*", default=[], metavar="NAME=NUMBER",
+    parser.add_argument("--ids", nargs="*", metavar="NAME=NUMBER",
                         help="of --with: NAIF's numbers of bodies and, negative, of the spacecraft")
-    parser.add_argument("--spacecraft", default="spacecraft", metavar="NAME", help="of --with: the spacecraft's name")
+    parser.add_argument("--spacecraft", metavar="NAME", help="of --with: the spacecraft's name (spacecraft)")
     parser.add_argument("--processes", type=int, metavar="N", help="0, the default: one for each core")
     parser.add_argument("--backend", default="auto")
 
@@ -68,6 +68,11 @@ def run(arguments: argparse.Namespace) -> int:
     for option in ("write_states", "video"):
         if getattr(arguments, option) is not None:
             check_place("--" + option.replace("_", "-"), getattr(arguments, option))
+    for option in ("ids", "spacecraft", "exports"):
+        is_vain = not arguments.exports if option != "exports" else arguments.write_states is not None
+        if getattr(arguments, option) and is_vain:
+            raise ConfigError(f"--{option}" if option != "exports" else "--with", "has no effect here",
+                              getattr(arguments, option), "name files by --with, without --write-states")
     warnings = []
     if arguments.states is None:
         scenario = load_scenario(arguments.scene)
@@ -127,14 +132,14 @@ def _exports(arguments: argparse.Namespace, scene: Scene, states: list[State], c
     if not arguments.exports:
         return {}
     ids = {}
-    for word in arguments.ids:
+    for word in arguments.ids or ():
         name, mark, number = word.rpartition("=")
         if not mark or not number.lstrip("-").isdecimal():
             raise ConfigError("--ids", "must be NAME=NUMBER", word)
         ids[name] = int(number)
-    flight = Flight(states=states, camera=scene.camera(camera), spacecraft=arguments.spacecraft, ids=ids,
-                    radii_m={body.name: body.hull.radius_m for body in scene.bodies})
-    return exports_of(flight, arguments.exports.split(","))
+    flight = Flight(states=states, camera=scene.camera(camera), spacecraft=arguments.spacecraft or "spacecraft",
+                    radii_m={body.name: body.hull.radius_m for body in scene.bodies}, ids=ids)
+    return exports_of(flight, [name.strip() for name in arguments.exports.split(",")])
 
 
 def exposure(text: str) -> float | str:
