@@ -17,7 +17,7 @@ from glrender_camera import BrownConrady
 from missing import needed_module
 from scipy.spatial.transform import Rotation
 
-# Of a spacecraft that turns and a pair of bodies, about the Sun: v is relative to it.
+# Velocity [m/s] of the pair of bodies about the Sun, to which all velocities are relative.
 V_SUN = np.array([1.2e4, -2.7e4, 3.1e3])
 CAMERA = PinholeCamera(name="Nav cam", width_px=200, height_px=100, focal_length_px=900.0,
                        principal_point_px=(80.0, 60.0),
