@@ -8,7 +8,8 @@ from functools import cache
 import numpy as np
 import pytest
 import views
-from glrender import Body, Renderer, generate
+from data_folders import ITOKAWA
+from glrender import Body, Renderer, Shape, generate
 from glrender.base.constants import AU_M
 from glrender.base.errors import ConfigError
 from glrender.brdf import Lambert
@@ -58,6 +59,21 @@ def test_simulated_fits_scatter_as_the_bound_has_it():
     pixels = known.in_pixels
     np.testing.assert_allclose(pixels["spacecraft[0]"], known.sigmas["spacecraft[0]"] * 250.0 / 2000.0, rtol=1e-6)
     np.testing.assert_allclose(pixels["spacecraft[2]"], known.sigmas["spacecraft[2]"] / 20.0, rtol=1e-6)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("size_px", "phase_deg"), [(200.0, 60.0), (200.0, 90.0), (500.0, 60.0)])
+def test_sigmas_of_a_rough_body_are_within_1_percent_of_those_at_a_far_finer_tolerance(size_px, phase_deg):
+    body = Body(name="body", shape=Shape.from_file(ITOKAWA, length_unit="km"), brdf=Lambert(normal_albedo=0.3))
+    camera = views.camera(round(1.2 * size_px), 50.0 * size_px, model=CAMERA.model)
+    state = views.state(phase_deg=phase_deg, range_m=30_000.0)
+    with Renderer(views.scene([body], [camera], sun_disc=False)) as renderer:
+        images = [renderer.render(state, derivatives=["spacecraft"], max_error=each) for each in (0.0007, 0.005, 0.02)]
+    for components in (range(3), range(6)):
+        known = [image.information(components={"spacecraft": components}, exposure_s="auto") for image in images]
+        finest, *others = [[*each.sigmas.values()] for each in known]
+        for sigmas in others:
+            np.testing.assert_allclose(sigmas, finest, rtol=0.01)
 
 
 def test_what_is_unknown_besides_costs_information():
