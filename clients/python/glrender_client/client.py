@@ -181,8 +181,9 @@ class Client:
             After this time nothing more of the frame is begun: it is the best so far, and its predicted error holds.
             The reply's `is_late` says whether the frame took longer; the same request may give other bytes.
         compare : (height, width) uint8, uint16, float32 or float64 array [DN], optional
-            A frame of the camera, or its region `roi`, of 1 MB at most. It is compared with the mean digital numbers
-            of this state and `exposure_s`, and no image is sent: the reply's `comparison` has the normal equations.
+            A frame of the camera, or its region `roi`, of 1 MB at most; masked pixels do not count. It is compared
+            with the mean digital numbers of this state and `exposure_s`, and no image is sent: the reply's
+            `comparison` has the normal equations.
         derivatives : sequence of str, optional
             With `compare`: the parameters of the fit (docs/derivatives.md); ``spacecraft`` by default.
         unknown : sequence of str, optional
