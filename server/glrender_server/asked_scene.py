@@ -75,9 +75,20 @@ def _check_counts(table: Mapping[str, Any]) -> None:
     n_pixels = sum(w * h for w, h in sides if isinstance(w, int | float) and isinstance(h, int | float))
     if n_pixels > limits.MAX_SCENE_PIXELS:
         raise ConfigError("scene.cameras", f"must have at most {limits.MAX_SCENE_PIXELS} pixels together", n_pixels)
-    n_facets = sum(map(_facets_asked, _tables(table.get("bodies"))))
+    shapes = list(_shapes(table))
+    if len(shapes) > limits.MAX_SCENE_BODIES:
+        raise ConfigError("scene.bodies", f"must be, with their regions, at most {limits.MAX_SCENE_BODIES}",
+                          len(shapes))
+    n_facets = sum(map(_facets_asked, shapes))
     if n_facets > limits.MAX_SCENE_FACETS:
         raise ConfigError("scene.bodies", f"must have at most {limits.MAX_SCENE_FACETS} facets together", n_facets)
+
+
+def _shapes(table: Mapping[str, Any]) -> Iterator[Mapping[str, Any]]:
+    """Tables that have shapes: bodies' and their regions'."""
+    for body in _tables(table.get("bodies")):
+        yield body
+        yield from _tables(body.get("regions"))
 
 
 def _facets_asked(body: Mapping[str, Any]) -> float:
@@ -107,7 +118,7 @@ def _check_emission(table: Mapping[str, Any]) -> None:
 def _check_textures(table: Mapping[str, Any], folder: Path) -> None:
     """Refuse textures that are too large before a pixel is read; the reader refuses those that it cannot read."""
     n_pixels = 0
-    for body in _tables(table.get("bodies")):
+    for body in _shapes(table):
         ground = body.get("terrain")
         photo = ground.get("orthophoto") if isinstance(ground, Mapping) else None
         for key, name, counted in (("", body.get("albedo_texture"), texture_pixels), ("", photo, _drawn_pixels),

@@ -68,3 +68,16 @@ def test_the_examples_ground_and_tube_are_as_they_say(examples, tmp_path):
     assert np.abs(ground.vertices_m[:, :2]).max() >= 30_000.0 and np.ptp(ground.vertices_m[:, 2]) > 2000.0
     shape = tube.tube()
     assert shape.inside and shape.report.n_shells == 1 and shape.report.volume_m3 < -5000.0
+
+
+def test_the_example_of_regions_is_one_closed_body(monkeypatch):
+    monkeypatch.setattr(sys, "path", [str(FOLDER), *sys.path])
+    import regions
+
+    body, target_m = regions.lander(levels=2)
+    report = body.shape.report
+    assert report.is_watertight and report.n_shells == 1 and report.warnings == ()
+    middles_m = body.shape.vertices_m[body.shape.facets].mean(axis=1)
+    at_site = np.linalg.norm(middles_m - target_m, axis=1) < 15.0
+    longest_m, is_behind = body.shape.sizes.longest_sides, middles_m @ target_m < 0.0
+    assert np.median(longest_m[is_behind]) > 3.0 * np.median(longest_m[at_site])

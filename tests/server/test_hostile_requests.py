@@ -121,6 +121,10 @@ def body(number, **generated):
     ({"bodies": [body(k) for k in range(1500)]}, "scene.bodies", "at most 64"),
     ({"bodies": [body(k, subdivisions=9) for k in range(3)]}, "scene.bodies", "10000000 facets together"),
     ({"bodies": [body(k, subdivisions=9.0) for k in range(3)]}, "scene.bodies", "10000000 facets together"),
+    ({"bodies": [{**body(0, subdivisions=0), "regions": [body(k, subdivisions=9) for k in range(3)]}]}, "scene.bodies",
+     "10000000 facets together"),
+    ({"bodies": [{**body(0, subdivisions=0), "regions": [body(k, subdivisions=0) for k in range(200)]}]},
+     "scene.bodies", "with their regions, at most"),
 ])
 def test_the_sums_of_a_scene_are_bounded_before_it_is_made(changes, path, rule):
     began = time.process_time()

@@ -58,6 +58,8 @@ class Region:
     def __post_init__(self):
         if not isinstance(self.shape, Shape):
             raise ConfigError("shape", "must be a glrender.Shape", self.shape)
+        if getattr(self.shape, "albedo_map", None) is not None:
+            raise ConfigError("terrain.orthophoto", "goes with ground that is no region", hint="leave it out")
         if not isinstance(self.brdf, Law | None):
             raise ConfigError("brdf", "must be a law of glrender.brdf", self.brdf)
         r_m, q = self.r_region_body_m, self.q_body_from_region

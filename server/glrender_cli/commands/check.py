@@ -113,6 +113,8 @@ def _of_body(body: Body) -> str:
         (report.n_welded, "vertices welded"), (report.n_unused, "unused vertices left out"),
         (report.n_degenerate + report.n_duplicate, "facets without area or twice left out"),
         (report.n_flipped, "facets turned outward")) if count]
+    mended += [f"a region of {seam.n_facets} facets whose rim is {seam.gap_rms_m:.3g} m RMS, at most "
+               f"{seam.gap_max_m:.3g} m, off the shape" for seam in report.seams]
     closed = "closed" if report.is_watertight else \
         f"{report.n_open_edges} open and {report.n_non_manifold_edges} shared edges"
     return (f"body {body.name}: {report.n_facets} facets, {closed}, {size} m, {report.volume_m3:.4g} m3, "
