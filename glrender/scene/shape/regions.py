@@ -167,16 +167,16 @@ class _Seat:
         asked_m2 = area(flat[outline]) - area(self.rim_m)
         made_m2 = float(_areas(flat[strip]).sum())
         if not abs(made_m2 - asked_m2) <= _AREA_RTOL * area(flat[outline]):
-            raise ShapeError("", "must have a rim that, seen along its mean normal, does not cross itself", None,
-                             "cut it so that its rim is smooth")
+            raise ShapeError("", "must have a rim that, seen along its mean normal, does not cross itself",
+                             hint="cut it so that its rim is smooth")
         filled = [between(flat, hole[::-1] + len(vertices), hole[:0]) for hole in self.holes]
         owner = np.concatenate([mesh.owner[parent[~is_left_out]], np.full(len(self.facets), number),
                                 np.zeros(len(strip), int), np.full(sum(map(len, filled)), number)])
         used, rows = renumbered(np.concatenate([all_facets, strip, *filled]), len(all_m))
         before, after = (np.bincount(np.minimum(Edges(each).size, 3), minlength=4) for each in (facets, rows))
         if (before[[1, 3]] != after[[1, 3]]).any():
-            raise ShapeError("", "must leave the body as closed as it is, and its rim cannot be joined", None,
-                             "cut it so that its rim is smooth")
+            raise ShapeError("", "must leave the body as closed as it is, and its rim cannot be joined",
+                             hint="cut it so that its rim is smooth")
         seam = Seam(gap_max_m=float(np.abs(self.gaps_m).max()), gap_rms_m=float(np.sqrt(np.mean(self.gaps_m**2))),
                     width_m=self.width_m, extent_m=self.extent_m, n_facets=len(self.facets), n_strip=len(strip),
                     n_left_out=len(np.unique(parent[is_left_out])), n_holes=len(self.holes))
@@ -192,11 +192,11 @@ class _Seat:
         sides, _ = edges.sides(edges.size == 1)
         if not len(sides) or (edges.size > 2).any():
             raise ShapeError("shape", "must be an open surface with a rim, of which no edge has more than two facets",
-                             None, "cut the part that is finer out of it")
+                             hint="cut the part that is finer out of it")
         loops = _loops(edges.start[sides], edges.end[sides])
         if loops is None:
-            raise ShapeError("shape", "must have a rim that passes no vertex twice", None,
-                             "leave out facets that hang on by a corner")
+            raise ShapeError("shape", "must have a rim that passes no vertex twice",
+                             hint="leave out facets that hang on by a corner")
         areas = [area(self._flat(self.vertices_m[loop])) for loop in loops]
         outer = [loop for loop, size in zip(loops, areas, strict=True) if size > 0.0]
         if len(outer) != 1:
@@ -211,8 +211,8 @@ class _Seat:
         if n_off or np.abs(gaps_m).max() > _MOST_GAP * self.extent_m:
             _, turned_m = self._hits(self.mesh.vertices_m, self.mesh.facets, -1.0)
             if np.isfinite(turned_m).all() and np.abs(turned_m).max() <= _MOST_GAP * self.extent_m:
-                raise ShapeError("shape", "must face outward as the body does, and it faces inward", None,
-                                 "turn its facets over")
+                raise ShapeError("shape", "must face outward as the body does, and it faces inward",
+                                 hint="turn its facets over")
             how = ("is its length unit right, and r_region_body_m and q_body_from_region?")
             if n_off:
                 raise ShapeError("", f"must lie on the body, and of its rim's {len(gaps_m)} vertices some have none of "
@@ -272,8 +272,8 @@ class _Seat:
             rest = piece(~out)
             touching = np.unique(np.concatenate([rest[one[out[two] & ~out[one]]], rest[two[out[one] & ~out[two]]]]))
             if not len(touching):
-                raise ShapeError("", "must lie within the body's surface, with ground around it", None,
-                                 "leave the body's own shape out, or cut the region smaller")
+                raise ShapeError("", "must lie within the body's surface, with ground around it",
+                                 hint="leave the body's own shape out, or cut the region smaller")
             areas = np.bincount(rest, size)[touching]
             out |= np.isin(rest, np.delete(touching, np.argmax(areas)))
             # Facets that only a corner keeps apart would leave an outline that passes a vertex twice.
@@ -281,8 +281,8 @@ class _Seat:
             sides = np.flatnonzero(np.repeat(out, 3) & (np.bincount(edge[np.repeat(out, 3)], minlength=len(edges.size)
                                                                     )[edge] == 1))
             if (edges.size[edge[sides]] == 1).any():
-                raise ShapeError("", "must lie within the body's surface, and it reaches an open edge", None,
-                                 "cut the region smaller")
+                raise ShapeError("", "must lie within the body's surface, and it reaches an open edge",
+                                 hint="cut the region smaller")
             twice = np.bincount(edges.start[sides], minlength=len(vertices)) > 1
             if not (more := twice[facets].any(axis=1) & ~out).any():
                 return out
@@ -294,8 +294,8 @@ class _Seat:
         sides, _ = edges.sides(edges.size == 1)
         loops = _loops(edges.start[sides], edges.end[sides])
         if loops is None or len(loops) != 1:
-            raise ShapeError("", "must lie where the body faces as it does, all around its rim", None,
-                             "cut the region smaller, or in several")
+            raise ShapeError("", "must lie where the body faces as it does, all around its rim",
+                             hint="cut the region smaller, or in several")
         return loops[0]
 
 
