@@ -16,7 +16,14 @@ from ..base.errors import ConfigError
 from ..base.stopwatch import Clock
 from ..planner import eclipse_samples, error_model
 from ..planner.account import Drawn
-from ..planner.adaptive_samples import frame_error, pixel_errors, pixel_means, plan_refinement
+from ..planner.adaptive_samples import (
+    ALIGNED_POWER,
+    aligned_errors,
+    frame_error,
+    pixel_errors,
+    pixel_means,
+    plan_refinement,
+)
 from ..planner.engine_choice import MOST_FACETS_PER_PX, MOST_FIRST_SAMPLES
 from ..planner.error_budget import ECLIPSE_SHARE
 from ..planner.frame_plan import FramePlan
@@ -264,6 +271,8 @@ class IrradiancePass:
         if is_eclipsed:
             power = min(power, eclipse_samples.ECLIPSE_POWER)
             error = np.maximum(error, eclipse_samples.pixel_errors(variance, window.samples, window.eclipse_px))
+        is_aligned = (aligned := aligned_errors(mean, window.samples)) > error
+        error = np.where(is_aligned, aligned, error)
         missed, light = None, mean
         if self._coverage is not None and facets_per_px <= MOST_FACETS_PER_PX:
             by_areas = self._coverage.sampling_errors(window.bodies, list(frame.views), ImageCells(
@@ -289,7 +298,7 @@ class IrradiancePass:
         has_aim = is_last or floor <= window.budget.tolerance or math.isfinite(deadline)
         if math.isfinite(left) and has_aim and time.monotonic() < deadline:
             left *= ECLIPSE_SHARE if is_eclipsed or missed is not None else 1.0
-            refinement = plan_refinement(light, error, window.samples, left, power, most)
+            refinement = plan_refinement(light, error, window.samples, left, power, most, is_aligned)
             if is_eclipsed:
                 refinement = eclipse_samples.holding_flux(refinement, mean, error, variance, window.samples, left,
                                                           window.budget.flux_asked, most)
@@ -306,7 +315,8 @@ class IrradiancePass:
                 clock.lap("readback")
         reached, told = refinement.predicted_error, {}
         if missed is not None:
-            after = error * np.where(refinement.mask, (window.samples / refinement.samples) ** (0.5 * power), 1.0)
+            finer = (window.samples / refinement.samples) ** np.where(is_aligned, 0.5 * ALIGNED_POWER, 0.5 * power)
+            after = error * np.where(refinement.mask, finer, 1.0)
             again = np.where(refinement.mask, missed(refinement.samples), 0.0)
             after = np.where((again > _MUCH_LARGER * after) | is_larger, np.maximum(after, again), after)
             reached = max(reached, frame_error(light, after))

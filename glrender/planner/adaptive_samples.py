@@ -2,7 +2,7 @@
 
 Most of a frame's sampling error sits in few of its pixels: limb, terminator, shadow edges,
 creases. Contrast shows them: between neighbours when a pixel has one sample, between its
-samples when it has more.
+samples when it has more. Samples along an edge that lies along a row or a column of the image err alike.
 """
 
 from __future__ import annotations
@@ -19,6 +19,15 @@ from .small_body_grid import SAMPLE_COUNTS
 ERROR_PER_CONTRAST = 0.235
 """Error of a sample's area over the contrast within 3 x 3 samples [1]: 0.18 as measured against rays
 (docs/accuracy.md), times 1.3, so that the truth is within."""
+# RMS distance of a place from the middle of a sample's side, over the side [1]: errors of samples that err alike, for
+# each unit of contrast.
+_ALIKE = 1.0 / math.sqrt(12.0)
+# Pixels in a row of which an edge crosses no row of samples.
+_RUN_PX = 9
+# Steps of an image by which edges are looked for.
+_STEPS = 255
+ALIGNED_POWER = 2.0
+"""Power of the samples along a pixel's side that divides the squared error of those that err alike."""
 # Values by which pixels are sorted by their errors.
 _BINS = 256
 
@@ -78,6 +87,33 @@ def pixel_errors(samples: np.ndarray, count: int, noise_gain: float = 1.0,
     return pixel_means(samples, count), noise_gain * ERROR_PER_CONTRAST * scale / count * np.sqrt(squared)
 
 
+def aligned_errors(mean: np.ndarray, count: int) -> np.ndarray:
+    """Errors (height, width) float32 of pixels at edges along a row or a column; 0 elsewhere.
+
+    All samples along such an edge are on the same side of it: their error falls as n^-1, and is the same in many
+    pixels. Edges are those by which a run of pixels differs from what is at its sides, and not within itself.
+
+    Parameters
+    ----------
+    mean : (height, width) float32
+        Of `pixel_errors`.
+    count : int
+        Samples along each side of a pixel.
+    """
+    brightest = float(mean.max(initial=0.0))
+    if not brightest > 0.0:
+        return np.zeros(mean.shape, np.float32)
+    level = cv2.convertScaleAbs(mean, alpha=_STEPS / brightest)
+    found, padded = np.zeros_like(level), cv2.copyMakeBorder(level, 1, 1, 1, 1, cv2.BORDER_REPLICATE)
+    for run, low, high in ((np.ones((1, _RUN_PX), np.uint8), padded[:-2, 1:-1], padded[2:, 1:-1]),
+                           (np.ones((_RUN_PX, 1), np.uint8), padded[1:-1, :-2], padded[1:-1, 2:])):
+        step, within = cv2.absdiff(high, low), cv2.subtract(cv2.dilate(level, run), cv2.erode(level, run))
+        # One sample more or less in each row changes a mean by the step over the count; half of that is no edge's.
+        is_run = step // min(2 * count, _STEPS) > within
+        cv2.max(found, step * cv2.dilate(is_run.view(np.uint8), run), dst=found)
+    return found * np.float32(_ALIKE * brightest / _STEPS / count)
+
+
 def contrast(values: np.ndarray, spare: np.ndarray | None = None) -> np.ndarray:
     """The range of values (height, width) within 3 x 3; a spare array, which may be theirs, is written over."""
     around = np.ones((3, 3), np.uint8)
@@ -101,7 +137,7 @@ def frame_error(mean: np.ndarray, error: np.ndarray) -> float:
 
 
 def plan_refinement(mean: np.ndarray, error: np.ndarray, count: int, tolerance: float,
-                    power: float = 3.0, most: float = 0.0) -> Refinement | None:
+                    power: float = 3.0, most: float = 0.0, is_aligned: np.ndarray | None = None) -> Refinement | None:
     """The cheapest refinement that meets a tolerance.
 
     Parameters
@@ -116,6 +152,8 @@ def plan_refinement(mean: np.ndarray, error: np.ndarray, count: int, tolerance: 
         n x n samples have n^-power of one sample's squared error: 3 at edges, 2 in noise.
     most : float
         Samples along a pixel's side that may be taken if they are more than 16.
+    is_aligned : (height, width) bool, optional
+        Pixels whose error is that of `aligned_errors`: n x n samples leave n^-2 of its square.
 
     Returns
     -------
@@ -134,12 +172,17 @@ def plan_refinement(mean: np.ndarray, error: np.ndarray, count: int, tolerance: 
     squared[0] = 0.0
     # Refined are the bins from k on, for each k and each count of samples.
     above = np.cumsum(squared[::-1])[::-1]
+    of_aligned = np.zeros(_BINS)
+    if is_aligned is not None and is_aligned.any():
+        share = np.bincount(index[is_aligned], minlength=_BINS) / np.maximum(population, 1.0)
+        of_aligned = np.cumsum((squared * share)[::-1])[::-1]
     refined = np.cumsum(population[::-1])[::-1]
     choices = []
     for samples in SAMPLE_COUNTS:
         if samples <= count or samples > max(MAX_SAMPLES, most):
             continue
-        left = above[0] - above + above * (count / samples) ** power
+        finer = count / samples
+        left = above[0] - above + (above - of_aligned) * finer**power + of_aligned * finer**ALIGNED_POWER
         meets = np.flatnonzero(left <= tolerance**2)
         first = int(meets[-1]) if len(meets) else 1
         cost = samples**2 * refined[first] if len(meets) else -samples
