@@ -19,9 +19,9 @@ from .small_body_grid import SAMPLE_COUNTS
 ERROR_PER_CONTRAST = 0.235
 """Error of a sample's area over the contrast within 3 x 3 samples [1]: 0.18 as measured against rays
 (docs/accuracy.md), times 1.3, so that the truth is within."""
-# RMS distance of a place from the middle of a sample's side, over the side [1]: errors of samples that err alike, for
-# each unit of contrast.
-_ALIKE = 1.0 / math.sqrt(12.0)
+# RMS distance of a place from the middle of a sample's side, over the side [1], which is the error of samples that err
+# alike for each unit of contrast; over 1.3, as contrast across three pixels shows each edge in more than one of them.
+_ALIKE = 1.0 / math.sqrt(12.0) / 1.3
 # Pixels in a row of which an edge crosses no row of samples.
 _RUN_PX = 9
 # Steps of an image by which edges are looked for.

@@ -55,7 +55,7 @@ def test_an_edge_along_samples_errs_as_one_over_their_number(samples, is_column)
         assert not np.delete(error, np.s_[10:15], axis=is_column).any()
         stated += np.square(error, dtype=np.float64).sum()
         true += np.square((mean.T if is_column else mean) - np.clip(place - rows, 0.0, 1.0)[:, None]).sum()
-    assert 1.0 < np.sqrt(stated / true) < 1.5
+    assert 0.9 < np.sqrt(stated / true) < 1.2
     # At the image's own edges runs are cut short.
     inside = np.s_[4:-4, 4:-4]
     for slope in (0.3, 0.7, -1.0):
@@ -78,7 +78,7 @@ def test_more_samples_leave_more_of_an_edge_along_them():
     assert made.samples == 16 and left == {False: 1.0, True: pytest.approx(8.0**(1.5 - 0.5 * ALIGNED_POWER))}
 
 
-def test_shadows_along_the_image_rows_err_within_the_prediction():
+def test_shadows_along_the_image_rows_err_as_predicted():
     """Bars out of view throw them on a plate that fills the image: closed form, at 12 places in a pixel."""
     slab = np.array([[-200.0, -1.0, 0.0], [200.0, -1.0, 0.0], [200.0, 1.0, 0.0], [-200.0, 1.0, 0.0]])
     middles_m, halves_m = np.array([-90.0, -80.0, -70.0]), np.array([2.2, 3.1, 1.4])
@@ -99,7 +99,8 @@ def test_shadows_along_the_image_rows_err_within_the_prediction():
             exact = np.repeat(1.0 - dark[:, None], 40, axis=1)
             error = image.irradiance_W_m2 / image.irradiance_W_m2.max() - exact
             ratios.append(frame_error(exact, error) / image.plan.predicted_error)
-    assert np.sqrt(np.mean(np.square(ratios))) < 1.0 and np.max(ratios) < 1.3, ratios
+    # An edge errs by the root of 3 of its RMS error at most.
+    assert 0.5 < np.sqrt(np.mean(np.square(ratios))) < 1.25 and np.max(ratios) < np.sqrt(3.0), ratios
 
 
 def test_the_edge_of_a_dark_side_is_an_edge():
