@@ -17,7 +17,6 @@ from ..base.stopwatch import Clock
 from ..planner import eclipse_samples, error_model
 from ..planner.account import Drawn
 from ..planner.adaptive_samples import (
-    ALIGNED_POWER,
     aligned_errors,
     frame_error,
     pixel_errors,
@@ -315,7 +314,7 @@ class IrradiancePass:
                 clock.lap("readback")
         reached, told = refinement.predicted_error, {}
         if missed is not None:
-            finer = (window.samples / refinement.samples) ** np.where(is_aligned, 0.5 * ALIGNED_POWER, 0.5 * power)
+            finer = (window.samples / refinement.samples) ** np.where(is_aligned, 1.0, 0.5 * power)
             after = error * np.where(refinement.mask, finer, 1.0)
             again = np.where(refinement.mask, missed(refinement.samples), 0.0)
             after = np.where((again > _MUCH_LARGER * after) | is_larger, np.maximum(after, again), after)

@@ -19,15 +19,8 @@ from .small_body_grid import SAMPLE_COUNTS
 ERROR_PER_CONTRAST = 0.235
 """Error of a sample's area over the contrast within 3 x 3 samples [1]: 0.18 as measured against rays
 (docs/accuracy.md), times 1.3, so that the truth is within."""
-# RMS distance of a place from the middle of a sample's side, over the side [1], which is the error of samples that err
-# alike for each unit of contrast; over 1.3, as contrast across three pixels shows each edge in more than one of them.
-_ALIKE = 1.0 / math.sqrt(12.0) / 1.3
 # Pixels in a row of which an edge crosses no row of samples.
 _RUN_PX = 9
-# Steps of an image by which edges are looked for.
-_STEPS = 255
-ALIGNED_POWER = 2.0
-"""Power of the samples along a pixel's side that divides the squared error of those that err alike."""
 # Values by which pixels are sorted by their errors.
 _BINS = 256
 
@@ -103,15 +96,18 @@ def aligned_errors(mean: np.ndarray, count: int) -> np.ndarray:
     brightest = float(mean.max(initial=0.0))
     if not brightest > 0.0:
         return np.zeros(mean.shape, np.float32)
-    level = cv2.convertScaleAbs(mean, alpha=_STEPS / brightest)
+    level = cv2.convertScaleAbs(mean, alpha=np.iinfo(np.uint8).max / brightest)
     found, padded = np.zeros_like(level), cv2.copyMakeBorder(level, 1, 1, 1, 1, cv2.BORDER_REPLICATE)
     for run, low, high in ((np.ones((1, _RUN_PX), np.uint8), padded[:-2, 1:-1], padded[2:, 1:-1]),
                            (np.ones((_RUN_PX, 1), np.uint8), padded[1:-1, :-2], padded[1:-1, 2:])):
         step, within = cv2.absdiff(high, low), cv2.subtract(cv2.dilate(level, run), cv2.erode(level, run))
         # One sample more or less in each row changes a mean by the step over the count; half of that is no edge's.
-        is_run = step // min(2 * count, _STEPS) > within
+        is_run = step // min(2 * count, np.iinfo(np.uint8).max) > within
         cv2.max(found, step * cv2.dilate(is_run.view(np.uint8), run), dst=found)
-    return found * np.float32(_ALIKE * brightest / _STEPS / count)
+    # The RMS distance of a place from the middle of a sample's side; contrast across three pixels shows each edge in more
+    # than one of them, 1.3 times in all.
+    alike = 1.0 / math.sqrt(12.0) / 1.3
+    return found * np.float32(alike * brightest / np.iinfo(np.uint8).max / count)
 
 
 def contrast(values: np.ndarray, spare: np.ndarray | None = None) -> np.ndarray:
@@ -182,7 +178,7 @@ def plan_refinement(mean: np.ndarray, error: np.ndarray, count: int, tolerance: 
         if samples <= count or samples > max(MAX_SAMPLES, most):
             continue
         finer = count / samples
-        left = above[0] - above + (above - of_aligned) * finer**power + of_aligned * finer**ALIGNED_POWER
+        left = above[0] - above + (above - of_aligned) * finer**power + of_aligned * finer**2
         meets = np.flatnonzero(left <= tolerance**2)
         first = int(meets[-1]) if len(meets) else 1
         cost = samples**2 * refined[first] if len(meets) else -samples

@@ -12,7 +12,6 @@ from glrender.base.constants import AU_M
 from glrender.brdf import Lambert
 from glrender.engines.rays.backend import RayTracer
 from glrender.planner.adaptive_samples import (
-    ALIGNED_POWER,
     aligned_errors,
     frame_error,
     pixel_errors,
@@ -75,7 +74,7 @@ def test_more_samples_leave_more_of_an_edge_along_them():
     for is_aligned in (error < 0.0, error > 0.0):
         made = plan_refinement(mean, error, 2, 1e-9, is_aligned=is_aligned)
         left[bool(is_aligned.any())] = made.predicted_error / plan_refinement(mean, error, 2, 1e-9).predicted_error
-    assert made.samples == 16 and left == {False: 1.0, True: pytest.approx(8.0**(1.5 - 0.5 * ALIGNED_POWER))}
+    assert made.samples == 16 and left == {False: 1.0, True: pytest.approx(8.0**0.5)}
 
 
 def test_shadows_along_the_image_rows_err_as_predicted():
