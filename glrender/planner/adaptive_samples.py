@@ -104,7 +104,7 @@ def aligned_errors(mean: np.ndarray, count: int) -> np.ndarray:
         # One sample more or less in each row changes a mean by the step over the count; half of that is no edge's.
         is_run = step // min(2 * count, np.iinfo(np.uint8).max) > within
         cv2.max(found, step * cv2.dilate(is_run.view(np.uint8), run), dst=found)
-    # The RMS distance of a place from the middle of a sample's side; contrast across three pixels shows each edge in more
+    # RMS distance of a place from the middle of a sample's side; contrast across three pixels shows each edge in more
     # than one of them, 1.3 times in all.
     alike = 1.0 / math.sqrt(12.0) / 1.3
     return found * np.float32(alike * brightest / np.iinfo(np.uint8).max / count)
