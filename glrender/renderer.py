@@ -11,13 +11,14 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from glrender_camera import PinholeCamera
+from glrender_camera import CameraModel, PinholeCamera
 
 from .base.errors import ConfigError, DeviceError
 from .base.own_process import OwnProcess
 from .base.stopwatch import Clock
 from .brdf import Law
 from .engines.coverage.engine import CoverageEngine
+from .engines.derivatives.by_noise import LOOSE, tolerance_of_sigmas
 from .engines.derivatives.gradient import Gradient, Weights, checked_weights, gradient_of
 from .engines.derivatives.parameters import checked_derivatives
 from .engines.derivatives.refusals import check_derivable
@@ -45,7 +46,7 @@ from .planner.seen import seen_bodies
 from .planner.walls import between_walls
 from .scene.plugins.registry import OPENGL_BACKENDS, backends
 from .scene.scene import Scene
-from .scene.tolerance import checked_deadline, checked_max_error
+from .scene.tolerance import LEAST, SIGMAS, checked_deadline, checked_max_error
 from .view.regions import union
 from .view.state import State
 
@@ -155,7 +156,8 @@ class Renderer:
             Name; the scene's only camera by default. Or a camera that draws for one of the scene's, whose name it has.
         max_error : float [1] or mapping, optional
             Error tolerance instead of the scene's: RMS, or of each unit that it names out of ``rms``, ``flux``,
-            ``centroid_px``, ``limb_px``, ``range``. All that are named are met with the least work.
+            ``centroid_px``, ``limb_px``, ``range``. All that are named are met with the least work. ``sigmas``: in
+            deviations of the place that the camera's noise lets be known, which costs a frame with derivatives.
         products : iterable of str
             Out of `PRODUCTS`; ``irradiance`` is always drawn.
         samples : int, optional
@@ -184,7 +186,7 @@ class Renderer:
         self._own.check()
         clock, wanted, deadline = Clock(), checked_products(products), _deadline(deadline_s)
         names = checked_derivatives(derivatives, self.scene)
-        request = self._request(camera, max_error, samples, engine, use, bool(names))
+        request = self._by_noise(state, self._request(camera, max_error, samples, engine, use, bool(names)))
         with self._parts.by_bodies():
             given, state = state, self._parts.state(state, request.camera)
             plan, frame, drawn = self._drawn(state, request, names, clock, deadline)
@@ -236,7 +238,7 @@ class Renderer:
         self._own.check()
         if self._is_closed:
             raise DeviceError("this renderer is closed, and gradients draw the frame anew: ask before it is closed")
-        request = self._request(camera, max_error, None, None, WHOLE_IMAGE, True)
+        request = self._by_noise(state, self._request(camera, max_error, None, None, WHOLE_IMAGE, True))
         if not callable(weights):
             weights = checked_weights(weights, (request.camera.height_px, request.camera.width_px))
         with self._parts.by_bodies():
@@ -271,6 +273,24 @@ class Renderer:
             max_error=self.scene.max_error if max_error is None else checked_max_error(max_error),
             has_gpu=not self._context.is_software, has_sun_disc=self.scene.sun_disc)
         return replace(request, use=replace(request.use, apart_px=0.0)) if self._emissions.dims else request
+
+    def _by_noise(self, state: State, request: Request) -> Request:
+        """The request with an RMS error in place of deviations by the camera's noise, which a first frame tells."""
+        asked = request.max_error
+        if not isinstance(asked, Mapping) or SIGMAS not in asked:
+            return request
+        path, sigmas = f"max_error.{SIGMAS}", asked[SIGMAS]
+        if not isinstance(request.camera.model, CameraModel):
+            raise ConfigError(path, "must be of a camera with a model of one band, whose noise counts", sigmas,
+                              "give the camera a detector, or take a number for max_error")
+        try:
+            first = self.render(state, request.camera, max_error=LOOSE, derivatives=["spacecraft"])
+        except ConfigError as error:
+            raise ConfigError(path, f"needs derivatives: these {error.rule}", sigmas,
+                              f"{error.hint}, or take a number for max_error") from None
+        rms = min(max(tolerance_of_sigmas(first, sigmas) * request.use.error_gain, LEAST), asked.get("rms", 1.0))
+        rest = {unit: most for unit, most in asked.items() if unit != SIGMAS}
+        return replace(request, max_error={**rest, "rms": rms} if rest else rms)
 
     def _frame(self, plan: FramePlan) -> Frame:
         """The bodies, with the shadow maps that the first ways to draw them need."""

@@ -126,7 +126,7 @@ SCENE: tuple[Table, ...] = (
         "stars": ("table", "The sky behind the bodies, of frames with a detector; below."),
         "lamps": ("list of tables", "On the spacecraft; below."),
         "emission": ("list of tables", "Light that no surface scatters, as of a [coma](../coma.md)."),
-        "max_error": ("float [1], 0..1", "RMS irradiance error over the mean of the lit pixels.")}),
+        "max_error": ("float [1], 0..1, or table", "RMS error over the mean lit pixel; or by unit, or `sigmas`.")}),
     Table("bodies", (Body,), ("albedo_map",), {
         "shape": ("text", "A shape file; or `generated`, or `terrain`. Relative to this file."),
         "generated": ("table", "A made-up shape; below."),

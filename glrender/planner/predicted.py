@@ -14,7 +14,8 @@ from collections.abc import Iterable, Mapping, Sequence
 
 from glrender_camera import PinholeCamera
 
-from ..scene.tolerance import UNITS
+from ..base.errors import ConfigError
+from ..scene.tolerance import SIGMAS, UNITS
 from ..view.regions import Group
 from ..view.view import BodyView
 from .error_budget import FLUX_SHARE, Budget
@@ -51,6 +52,9 @@ def rms_tolerance(max_error: float | Mapping[str, float], views: Sequence[BodyVi
     """The RMS error that a frame by rays may have, of a tolerance in whatever units."""
     if not isinstance(max_error, Mapping):
         return max_error
+    if SIGMAS in max_error:
+        raise ConfigError(f"max_error.{SIGMAS}", "needs derivatives, which this backend does not draw",
+                          max_error[SIGMAS], 'take the backend "auto", or a number for max_error')
     return min((allowed_rms(max_error, Group.of([view], camera), "rays") for view in views if view.is_visible),
                default=1.0)
 

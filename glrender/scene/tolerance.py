@@ -10,6 +10,8 @@ from ..base.errors import ConfigError
 
 UNITS = ("rms", "flux", "centroid_px", "limb_px", "range")
 """Units of a frame's errors: docs/accuracy.md defines them."""
+SIGMAS = "sigmas"
+"""Name of a tolerance in deviations of the place that the camera's noise lets be known; may go with `UNITS`."""
 LEAST = 2.0**-24
 """Least tolerance of any unit [1] or [px]: half a step of the float32 in which pixels are stored."""
 LEAST_DEADLINE_S, _MAX_DEADLINE_S = 1e-6, 1e6
@@ -18,19 +20,21 @@ _MOST_PX = 1e4
 
 
 def checked_max_error(value: object, name: str = "max_error") -> float | dict[str, float]:
-    """An error tolerance: the number, or the numbers of those of `UNITS` that a table names, in their order.
+    """An error tolerance: the number, or those of `UNITS` and `SIGMAS` that a table names, in their order.
 
     Raises
     ------
     ConfigError
-        Unknown units; an empty table; numbers that are not > 0, are below `LEAST`, or above 1, of pixels 1e4.
+        Unknown units; an empty table; numbers that are not > 0, are below `LEAST`, or above 1, of pixels and
+        deviations 1e4.
     """
     if not isinstance(value, Mapping):
         return _checked(value, name, 1.0)
-    if not known_keys(name, value, UNITS):
-        raise ConfigError(name, f"must name one of {', '.join(UNITS)}, or be a number", dict(value))
-    return {unit: _checked(value[unit], f"{name}.{unit}", _MOST_PX if unit.endswith("_px") else 1.0)
-            for unit in UNITS if unit in value}
+    units = (*UNITS, SIGMAS)
+    if not known_keys(name, value, units):
+        raise ConfigError(name, f"must name one of {', '.join(units)}, or be a number", dict(value))
+    return {unit: _checked(value[unit], f"{name}.{unit}", _MOST_PX if unit.endswith(("_px", SIGMAS)) else 1.0)
+            for unit in units if unit in value}
 
 
 def by_unit(max_error: float | Mapping[str, float]) -> dict[str, float]:
