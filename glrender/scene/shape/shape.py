@@ -329,8 +329,8 @@ class Shape:
     def with_vertices(self, vertices_m: np.ndarray) -> Shape:
         """The same facets between other vertices, in the same order: nothing is welded, turned over or left out.
 
-        Single facets may turn over, as by vertices that pass their neighbours, as long as closed shells keep the sign of
-        their volume: such facets are dark from outside, and it is for whoever moves vertices to hold them back.
+        Single facets may turn over, as where vertices pass their neighbours, while closed shells keep the sign of their
+        volume: they are dark from outside, and whoever moves vertices holds them back.
 
         Parameters
         ----------
