@@ -225,6 +225,7 @@ def main() -> None:
                 image = renderer.render(state, engine=arguments.engine)
                 seconds.append(time.process_time() - begin)
             row = {"height_m": height_m, "first_s": seconds[0], "second_s": seconds[1],
+                   "memory_GiB": _memory_GiB(),  # the truth takes some more
                    "engines": [(window.how, window.refined_samples, round(window.refined_share, 3))
                                for window in image.plan.windows], "predicted": image.plan.predicted_error}
             if arguments.truth_px and not arguments.detail:
@@ -233,7 +234,7 @@ def main() -> None:
                 pixel = np.stack([column_px[some], row_px[some]], axis=1)
                 truth, own = Truth(vertices, facets, state)(camera, pixel, scene.solar_irradiance_of(camera))
                 row |= errors(image.irradiance_W_m2, truth, own, pixel)
-            rows.append(row | {"warnings": list(image.plan.warnings), "memory_GiB": _memory_GiB()})
+            rows.append(row | {"warnings": list(image.plan.warnings)})
             _say(rows[-1])
     ball_s = _ball_s(arguments.error)
     found = wrongs(opening, rows, ball_s)

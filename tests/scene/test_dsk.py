@@ -57,7 +57,7 @@ def test_a_dsk_is_the_mesh_of_its_source(tmp_path, rough, ending):
 def test_a_surface_of_several_is_chosen(tmp_path, rough, ball):
     """Segments of one surface are one shape; in a scene file and a body likewise."""
     path = write(tmp_path / "two.bds", (7, rough), (9, ball))
-    with pytest.raises(ShapeError, match=r"two.bds.surface: missing: the file has 7 and 9; choose one: surface = 7"):
+    with pytest.raises(ShapeError, match=r"two.bds.surface: missing: the file has 7 and 9; choose: surface = 7"):
         Shape.from_file(path)
     with pytest.raises(ShapeError, match=r"two.bds.surface: must be one of 7 and 9.*got 8"):
         Shape.from_file(path, surface=8)

@@ -175,6 +175,35 @@ def test_a_globe_is_closed(tmp_path, crs, left_deg, middle_deg, per_deg):
         assert patch(path, site_deg=site, rings=[[2e5, 2e4]]).report.n_open_edges == 80
 
 
+def test_a_globe_whose_meridians_are_its_rows_is_refused(tmp_path):
+    """It was taken for a map that ends at its edges, with a seam; where columns run west, it is read as it is."""
+    heights = bulge(*np.meshgrid(-179.0 + 2.0 * np.arange(180), 89.0 - 2.0 * np.arange(90))).astype(np.float32)
+    for name, values, steps in (("turned.tif", heights.T, (0.0, 2.0, -180.0, -2.0, 0.0, 90.0)),
+                                ("west.tif", heights[:, ::-1], (-2.0, 0.0, 180.0, 0.0, -2.0, 90.0))):
+        with rasterio().open(tmp_path / name, "w", driver="GTiff", width=values.shape[1], height=values.shape[0],
+                             count=1, dtype="float32", crs=rasterio().CRS.from_string(LONG_LAT),
+                             transform=rasterio().Affine(*steps)) as made:
+            made.write(values, 1)
+    with pytest.raises(ConfigError, match="^heights: must go round its planet along its rows.*; gdalwarp turns it"):
+        patch(tmp_path / "turned.tif", facets=3000)
+    lon, lat, radius_m = on_planet(ground := patch(tmp_path / "west.tif", facets=3000))
+    np.testing.assert_allclose(radius_m - MOON_M, bulge(lon, lat), atol=40.0)
+    assert ground.report.is_watertight and ground.report.volume_m3 > 0.0
+
+
+def test_an_orthophoto_that_is_read_coarse_says_so(tmp_path):
+    """One wider than an albedo may be, under the globe; a part of it is read as it is."""
+    heights = globe(tmp_path / "globe.tif", LONG_LAT, -180.0, 1.0, -180.0)
+    place = rasterio().Affine(360.0 / 23_166, 0.0, -180.0, 0.0, -18.0, 90.0)
+    with rasterio().open(tmp_path / "wide.tif", "w", driver="GTiff", width=23_166, height=10, count=1, dtype="uint8",
+                         crs=rasterio().CRS.from_string(LONG_LAT), transform=place) as made:
+        made.write(np.full((10, 23_166), 99, np.uint8), 1)
+    (text,) = patch(heights, facets=2000, orthophoto=tmp_path / "wide.tif").report.warnings
+    assert text.startswith("the orthophoto is read in means of 2 of its pixels a side: an albedo has at most 11583")
+    near = patch(heights, orthophoto=tmp_path / "wide.tif", site_deg=(10.0, 5.0), rings=[[60e3, 4e3]])
+    assert near.report.warnings == ()
+
+
 @pytest.mark.parametrize("unit", ["km", "Kilometers", "kilometre"])
 def test_numbers_of_a_band_become_metres(tmp_path, unit):
     """Scale, offset and kilometres, by any of the unit's names."""
@@ -295,6 +324,10 @@ def test_maps_that_are_none_are_refused(tmp_path):
                             LONG_LAT, at, 1.0), "must name its number for no data.*got -32768; gdal_edit"),
         "low.tif": (write(tmp_path / "low.tif", np.where(flat + np.arange(20) < 3, np.float32(-3.4e38), flat),
                           LONG_LAT, at, 1.0), "must name its number for no data.*; gdal_edit"),
+        "custom.tif": (write(tmp_path / "custom.tif", np.where(flat + np.arange(20) < 3, np.float32(-9999.0), flat),
+                             LONG_LAT, at, 1.0), "must name its number for no data.*got -9999"),
+        "high.tif": (write(tmp_path / "high.tif", np.where(flat + np.arange(20) < 3, np.float32(1e38), flat),
+                           LONG_LAT, at, 1.0), "must name its number for no data.*; gdal_edit"),
         "disc.tif": (write(tmp_path / "disc.tif", flat, f"+proj=ortho +R={MOON_M}", (-2e6, 2e6), 2e5),
                      "has a projection that does not show all.*; give a site and near rings"),
         "gone.tif": (tmp_path / "gone.tif", "is no readable GeoTIFF.*No such file"),

@@ -1,5 +1,4 @@
 """SPICE's digital shape kernels (DSK) of type 2: triangular plates, in kilometres by definition. Needs spiceypy.
-
 Source: NAIF, DSK Required Reading, N0067.
 """
 
@@ -50,8 +49,7 @@ class Dsk:
             segments = _segments(spice, handle)
             listed = " and ".join(map(str, surfaces := sorted({segment.surfce for _, segment in segments})))
             if surface is None and len(surfaces) > 1:
-                raise ShapeError("surface", f"missing: the file has {listed}",
-                                 hint=f"choose one: surface = {surfaces[0]}")
+                raise ShapeError("surface", f"missing: the file has {listed}", hint=f"choose: surface = {surfaces[0]}")
             if surface is not None and surface not in surfaces:
                 raise ShapeError("surface", f"must be one of {listed}, as the file has it", surface)
             chosen = [(place, segment) for place, segment in segments if surface in (None, segment.surfce)]

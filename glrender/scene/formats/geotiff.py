@@ -17,8 +17,8 @@ from ...base.errors import ShapeError
 _ELLIPSOID = re.compile(r'(?:SPHEROID|ELLIPSOID)\["[^"]*",\s*([-+.\deE]+),\s*([-+.\deE]+)')
 # Metres in the unit of a band of heights, of one or of several; most say none.
 _METRES = {"": 1.0, "m": 1.0, "metre": 1.0, "meter": 1.0, "km": 1e3, "kilometre": 1e3, "kilometer": 1e3}
-# Numbers up to the first, or the second, are no data that the file does not name: the lowest of their types.
-_LOWEST = -2.0**31, -2.0**15
+# Numbers for no data: from that size on, the lowest of 16 bits, and a custom of files that name none and have no scale.
+_HUGE, _LOWEST, _CUSTOM = 2.0**31, -2.0**15, -9999.0
 # Longitudes and latitudes [deg], whose places show whether a map goes round its planet in equal steps.
 _ROUND = np.array([[0.0, 1.0, 45.0, 46.0, 90.0], [0.0, 0.0, 60.0, 60.0, -30.0]])
 # Pixels that are read in a turn, of some 20 bytes, and the most of a map.
@@ -57,13 +57,16 @@ class Map:
         self.is_round, self.is_mirrored = 0.0 < self.turn_px < source.width + 0.5, np.linalg.det(self._steps) > 0.0
 
     def _columns_of_a_turn(self) -> float:
-        x, per_column = np.full(len(_ROUND[0]), np.nan), self._steps[0, 0]
+        x, (per_column, per_row) = np.full(len(_ROUND[0]), np.nan), self._steps[0]
         with contextlib.suppress(ShapeError):
             x, _ = self._projected(*_ROUND)
         # The projection's edge may be between two of these places.
         step = min(x[1] - x[0], x[3] - x[2], key=abs)
         turns = (x - x[0] - step * _ROUND[0]) / (360.0 * step or np.nan)
-        return abs(360.0 * step / per_column) if per_column and np.abs(turns - np.round(turns)).max() < _NONE else 0.0
+        turn = abs(360.0 * step) if np.abs(turns - np.round(turns)).max() < _NONE else 0.0
+        if per_row and 0.0 < turn < (self.shape[0] + 0.5) * abs(per_row):
+            raise ShapeError(self._field, "must go round its planet along its rows", per_row, "gdalwarp turns it")
+        return turn / abs(per_column) if per_column else 0.0
 
     def _projected(self, x: np.ndarray, y: np.ndarray, is_back: bool = False) -> np.ndarray:
         """The map's coordinates (2, N) of longitudes and latitudes (N,) [deg], or the other way."""
@@ -143,10 +146,12 @@ class Map:
         made = self._source.read(list(range(1, n + 1)), window=(rows, columns), masked=True,
                                  resampling=self._rasterio.enums.Resampling.average,
                                  out_shape=None if size is None else (n, *size))
-        if np.ma.any((made <= _LOWEST[0]) | (made == _LOWEST[1])):
-            raise ShapeError(self._field, "must name its number for no data: some pixels have the lowest of their type",
-                             made.min(), "gdal_edit.py -a_nodata writes it")
         scales, offsets = (np.array(each[:n])[:, None, None] for each in (self._source.scales, self._source.offsets))
+        custom = _CUSTOM if self._source.nodata is None and (scales == 1.0).all() else _LOWEST
+        is_none = (made <= -_HUGE) | ((made >= _HUGE) & (made < np.inf)) | (made == _LOWEST) | (made == custom)
+        if np.ma.any(is_none):
+            raise ShapeError(self._field, "must name its number for no data: some pixels have one that is customary",
+                             made[np.ma.filled(is_none, False)][0], "gdal_edit.py -a_nodata writes it, or another")
         return np.ma.filled(made.astype(np.float64), np.nan) * scales + offsets
 
 

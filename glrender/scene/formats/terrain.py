@@ -1,7 +1,4 @@
-"""Terrain from maps of heights: GeoTIFF, in metres above the sphere or ellipsoid of its datum.
-
-Around a site posts stand in squares, else over the whole map, or on a cube around the globe, each as high as the map.
-"""
+"""Terrain from maps of heights (GeoTIFF): posts in squares around a site, over a map, or on a cube around a globe."""
 
 from __future__ import annotations
 
@@ -26,8 +23,8 @@ from .geotiff import Map, opened
 _log = logging.getLogger(__name__)
 # Heights over the datum's radius [1] that are radii; relative difference of radii that is of another flattening.
 _LIKE_RADIUS, _LIKE_DATUM = 0.5, 1e-3
-# Longest side [px] of an orthophoto, without the pixel around it: a square is a texture at its largest.
-_PHOTO_PX = math.isqrt(MAX_TEXTURE_PX) - 2
+# Longest side [px] of an orthophoto, of which a square is a texture with a pixel around it; pixels [1] read as one.
+_PHOTO_PX, _COARSER = math.isqrt(MAX_TEXTURE_PX) - 2, 1.001
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -170,6 +167,9 @@ def _albedo(photo: Map, degrees: np.ndarray, facets: np.ndarray) -> tuple[np.nda
     column, row = np.clip(np.rint(place), 0, size - 1).astype(int)
     off = 100.0 * float((is_none[row, column] | ~photo.has(pixel)).mean())
     warnings = (f"{off:.3g} % of the ground is off the orthophoto, and has its mean albedo",) if off else ()
+    if (coarser := float(np.ptp(pixel[0]) / np.ptp(place[0]))) > _COARSER:
+        warnings += (f"the orthophoto is read in means of {coarser:.3g} of its pixels a side: an albedo has at most "
+                     f"{_PHOTO_PX} a side; give rings, or a part of the photo, for more",)
     grey = np.pad(np.where(is_none, mean, grey), 1, constant_values=mean).astype(np.float32)
     if photo.is_round:
         grey[:, [0, -1]] = grey[:, [-2, 1]]
