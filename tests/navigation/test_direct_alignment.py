@@ -49,11 +49,14 @@ def off(camera, here, found) -> tuple[float, float, float]:
 
 @pytest.mark.parametrize(("gain", "sky", "sigma_px"), [(1.0, 0.0, 0.6), (3e7, 50.0, 0.6), (1.0, 0.0, 0.75)])
 def test_a_pose_nearby_is_found_whatever_exposure_sky_and_blur(nearby, gain, sky, sigma_px):
-    """Within 0.06 px, 0.05 % and 0.1 deg from 0.6 px, 0.4 % and 0.3 deg, at any gain and sky and with a wider blur."""
+    """Within 0.06 px, 0.02 % and 0.1 deg from 0.6 px, 0.4 % and 0.3 deg, at any gain and sky.
+
+    A blur that is wider than the believed one moves the limb outwards: 0.06 % are allowed.
+    """
     camera, body, here, irradiance, drawn_at = nearby
     frame = gain * blurred(irradiance, sigma_px) + sky
     _, (off_px, off_range, off_rad) = found_by_three(frame, camera, body, here, drawn_at)
-    assert off_px < 0.06 and off_range < 5e-4 and off_rad < 1.8e-3
+    assert off_px < 0.06 and off_range < (2e-4 if sigma_px == 0.6 else 6e-4) and off_rad < 1.8e-3
 
 
 def test_light_of_something_else_does_not_move_the_ground(nearby):
