@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
@@ -26,7 +26,7 @@ from ..planner.adaptive_samples import (
 from ..planner.engine_choice import MOST_FACETS_PER_PX, MOST_FIRST_SAMPLES
 from ..planner.error_budget import ECLIPSE_SHARE
 from ..planner.frame_plan import FramePlan
-from ..planner.plan import HARD, LEAK, UNEVEN, WindowPlan
+from ..planner.plan import HARD, LEAK, PASSED_BY, UNEVEN, WindowPlan
 from ..planner.request import MAX_SAMPLES
 from ..planner.small_body_grid import MAX_RAYS_ACROSS
 from ..view.regions import Group
@@ -34,6 +34,7 @@ from .coverage.coverage_image import CoverageImage
 from .coverage.engine import CoverageEngine
 from .coverage.image_cells import ImageCells
 from .coverage.sunlit_areas import SunlitAreas
+from .passed_by import draw_aimed, with_missed
 from .raster.gl.context import Context
 from .raster.gl.mesh import IRRADIANCE_STAGE
 from .raster.gl.targets import Target
@@ -162,7 +163,22 @@ class IrradiancePass:
         draw = self._draw_grid if window.target != "region" else partial(
             self._draw_sampled, deadline=deadline, is_last=is_last)
         mean, window = draw(group, window, frame, clock)
-        return Made(mean, window, window.predicted_error)
+        made = Made(mean, window, window.predicted_error)
+        if (window.engine != "rays" or PASSED_BY not in window.drawn or made.error <= window.budget.tolerance
+                or time.monotonic() > deadline):
+            return made
+        if (aimed := draw_aimed(self._rays, group, window, frame.camera, frame.only(window.bodies))) is None:
+            return made
+        clock.lap("refine")
+        return min(made, Made(*aimed, aimed[1].predicted_error), key=lambda each: each.error)
+
+    def _missed(self, window: WindowPlan, frame: Frame, grid: tuple[int, int]) -> Callable[[int], np.ndarray] | None:
+        """Light that samples in the cells of a grid miss, by their number: `CoverageEngine.missed_by_samples`."""
+        if self._coverage is None:
+            return None
+        return self._coverage.missed_by_samples(
+            window.bodies, list(frame.views), ImageCells(frame.camera, window.bounds_px, grid),
+            is_crowded=window.noise[1] > MOST_FACETS_PER_PX)
 
     def _draw_grid(self, group: Group, window: WindowPlan, frame: Frame, clock: Clock
                    ) -> tuple[np.ndarray, WindowPlan]:
@@ -175,7 +191,8 @@ class IrradiancePass:
             flux = eclipse_samples.grid_flux_error(samples, bare)
             pixels = eclipse_samples.grid_pixel_error(flux, group.size_px, group.phase_rad)
             window = replace(window, flux_error=flux, drawn={**window.drawn, "eclipse": pixels})
-        return samples, window
+        missed = self._missed(window, frame, window.grid)
+        return samples, window if missed is None else with_missed(window, samples, missed)
 
     def _draw_coverage(self, group: Group, window: WindowPlan, frame: Frame, clock: Clock, deadline: float,
                        is_only: bool = False) -> Made:
@@ -273,10 +290,9 @@ class IrradiancePass:
         is_aligned = (aligned := aligned_errors(mean, window.samples)) > error
         error = np.where(is_aligned, aligned, error)
         missed, light = None, mean
-        if self._coverage is not None and facets_per_px <= MOST_FACETS_PER_PX:
-            by_areas = self._coverage.sampling_errors(window.bodies, list(frame.views), ImageCells(
-                frame.camera, window.bounds_px, (x1 - x0, y1 - y0)))
-            of_areas = by_areas(window.samples)
+        by_areas = self._missed(window, frame, (x1 - x0, y1 - y0)) if facets_per_px <= MOST_FACETS_PER_PX else None
+        if by_areas is not None:
+            of_areas = np.abs(by_areas(window.samples))
             # An image is dark for what samples pass by, and for no shadow, where they miss most of the light of areas.
             if not mean.any() and 2.0 * of_areas.sum() > (of_all := by_areas(0)).sum():
                 light = of_all
@@ -316,7 +332,7 @@ class IrradiancePass:
         if missed is not None:
             finer = (window.samples / refinement.samples) ** np.where(is_aligned, 1.0, 0.5 * power)
             after = error * np.where(refinement.mask, finer, 1.0)
-            again = np.where(refinement.mask, missed(refinement.samples), 0.0)
+            again = np.where(refinement.mask, np.abs(missed(refinement.samples)), 0.0)
             after = np.where((again > _MUCH_LARGER * after) | is_larger, np.maximum(after, again), after)
             reached = max(reached, frame_error(light, after))
         if is_eclipsed:

@@ -31,7 +31,7 @@ from .error_model import (
 from .plan import CENTROIDS, HARD, ONE_DIRECTION, SLIVERS, UNEVEN, BodyPlan, Target, WindowPlan
 from .request import MAX_SAMPLES, Request
 from .seen import Seen
-from .small_body_grid import CELL_PX, MAX_RAYS_ACROSS, samples_across, sampling_errors
+from .small_body_grid import MAX_RAYS_ACROSS, own_cells, samples_across, sampling_errors
 
 MOST_FACETS_PER_PX = 300.0
 """Facets that face Sun and camera, a pixel, from which rays are cheaper than coverage, by the cells of
@@ -50,8 +50,6 @@ _SMALL_PX = 4.0
 _FLUX_PX = 32.0
 # Widest of a crescent apart over a full disc apart [1]: its own grid has only so many samples.
 _MOST_LARGER = 4.0
-# Cells across a small body's own grid, at least and at most.
-_CELLS_ACROSS, _MOST_CELLS = 16.0, 2048.0
 # First samples along a pixel's side; and of narrow crescents and eclipses, whose light, or its loss, is in few pixels.
 _FIRST_SAMPLES = 2
 _MORE_SAMPLES = 4
@@ -190,16 +188,9 @@ class _Part:
         return {"samples": 0, "bounds_px": bounds, "grid": tuple(max(math.ceil(per_px * side), 8) for side in sides)}
 
     def own_cells(self) -> dict[str, Any]:
-        """Bounds [px] and grid of a small body's own cells, each of which is within one pixel."""
-        # Smaller ones are points to float64.
-        size_px = max(self.group.size_px, 1e-8)
-        per_px = 2.0 ** min(math.floor(math.log2(_MOST_CELLS / size_px)),
-                            math.ceil(math.log2(max(1.0 / CELL_PX, _CELLS_ACROSS / size_px))))
-        # Powers of two: edges of cells at those of pixels have no rounding.
-        x0, y0, x1, y1 = ((edge + 0.5) * per_px for edge in self.group.outline)
-        first, last = (math.floor(x0), math.floor(y0)), (math.floor(x1) + 1, math.floor(y1) + 1)
-        return {"samples": 0, "bounds_px": tuple(edge / per_px - 0.5 for edge in first + last),
-                "grid": (last[0] - first[0], last[1] - first[1])}
+        """Bounds [px] and grid of a small body's own cells."""
+        bounds_px, grid, _ = own_cells(self.group.outline, self.group.size_px)
+        return {"samples": 0, "bounds_px": bounds_px, "grid": grid}
 
     def window(self, engine: str, budget: Budget, modelled: Mapping[str, float], **fields: Any) -> WindowPlan:
         """A window with the errors that all have: one direction to the Sun, which no PSF averages; rays' rounding."""

@@ -24,6 +24,8 @@ UNEVEN = "uneven facets"
 LEAK, HARD = "shadow map", "hard edges"
 """Causes of error that rays measure where a part of a body is seen: light that leaks through its shadow map, and hard
 edges in place of penumbras."""
+PASSED_BY = "parts between samples"
+"""The cause of error that rays from facets cure."""
 EMISSION_LEFT_OUT = "emission around"
 """How a plan begins to say that light which no surface scatters is not in the image."""
 

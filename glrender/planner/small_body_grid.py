@@ -16,6 +16,8 @@ MAX_RAYS_ACROSS = 1024
 """Most rays across a small body: some half a second."""
 SAMPLES_ACROSS = tuple(n for each in SAMPLE_COUNTS if (n := 32 * each) <= MAX_RAYS_ACROSS)
 """Samples across the outline of a body that has a grid of its own."""
+# Cells across a small body's own grid, at least and at most.
+_CELLS_ACROSS, _MOST_CELLS = 16.0, 2048.0
 # Relative error of one sample across a body: edges fall as N^-1.5, creases between facets as N^-1 while a sample is
 # larger than a facet and as N^-1.5 from there on. Seven shapes of 8,000 to 3.1 million facets, 0.1 to 20 px across, at
 # 3 to 152 deg, 64 to 512 samples across: 98 of 100 are within (tests/planner/test_small_bodies.py).
@@ -26,6 +28,19 @@ _LIT_POWER = 1.2
 # The same data: errors of the flux, of pixels and of the centre of light [px], over that.
 _FLUX = 2.8
 _PIXELS = 1.2
+
+
+def own_cells(outline: tuple[float, float, float, float], size_px: float
+              ) -> tuple[tuple[float, float, float, float], tuple[int, int], float]:
+    """Bounds [px] and grid of the cells of a body of an outline [px], each within one pixel; and cells per px."""
+    # Smaller ones are points to float64.
+    size_px = max(size_px, 1e-8)
+    per_px = 2.0 ** min(math.floor(math.log2(_MOST_CELLS / size_px)),
+                        math.ceil(math.log2(max(1.0 / CELL_PX, _CELLS_ACROSS / size_px))))
+    # Powers of two: edges of cells at those of pixels have no rounding.
+    x0, y0, x1, y1 = ((edge + 0.5) * per_px for edge in outline)
+    first, last = (math.floor(x0), math.floor(y0)), (math.floor(x1) + 1, math.floor(y1) + 1)
+    return (tuple(edge / per_px - 0.5 for edge in first + last), (last[0] - first[0], last[1] - first[1]), per_px)
 
 
 def sampling_errors(view: BodyView, traits: BodyTraits, n_across: float, penumbra: float = 0.0

@@ -139,17 +139,18 @@ class CoverageEngine:
         members = self._members(*self._wholes(names, views))
         return None if members is None else _may_be_lit(members, cells, self._scene.sun_disc)
 
-    def sampling_errors(self, names: Sequence[str], views: list[BodyView], cells: ImageCells
-                        ) -> Callable[[int], np.ndarray]:
-        """Errors (rows, columns) [W/m2 per pixel] of count x count samples in each cell, by the count: `SampledAreas`.
+    def missed_by_samples(self, names: Sequence[str], views: list[BodyView], cells: ImageCells, is_crowded: bool
+                          ) -> Callable[[int], np.ndarray] | None:
+        """Light (rows, columns) [W/m2 per pixel] that count x count samples in each cell miss: `SampledAreas.missed`.
 
-        None are known behind a lens, and of bodies of many facets with a texture or smooth normals.
+        None is known behind a lens, and of bodies of many facets that crowd the pixels, or vary within them.
         """
         names, views = self._wholes(names, views)
         members = self._members(names, views)
-        if members is None or cells.camera.lens_map is not None:
-            return lambda count: np.zeros(cells.shape)
-        return SampledAreas(members, views, cells, self._scene.solar_irradiance_of(cells.camera), self._rays).errors
+        if members is None or cells.camera.lens_map is not None or is_crowded and any(
+                facets.n_facets >= FEWEST_CENTROIDS for facets, _ in members):
+            return None
+        return SampledAreas(members, views, cells, self._scene.solar_irradiance_of(cells.camera), self._rays).missed
 
     def _wholes(self, names: Sequence[str], views: list[BodyView]) -> tuple[Sequence[str], list[BodyView]]:
         """Names and views with bodies in place of their parts."""

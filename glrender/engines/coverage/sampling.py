@@ -1,4 +1,4 @@
-"""The error of an image's samples, by the exact areas of the facets that they meet."""
+"""The light that an image's samples miss, by the exact areas of the facets that they meet."""
 
 from __future__ import annotations
 
@@ -50,10 +50,10 @@ class SampledAreas:
             radiance[lit] = made.of(lit)
             self._drawn.append((facets, view, xy_px, radiance))
 
-    def errors(self, count: int) -> np.ndarray:
-        """Light (rows, columns) [W/m2 per pixel] by which count x count samples in each cell differ from exact areas.
+    def missed(self, count: int) -> np.ndarray:
+        """Light (rows, columns) [W/m2 per pixel] of exact areas less that of count x count samples in each cell.
 
-        Parts narrower than a sample, and edges along the samples' rows, show in it. 0 samples have the areas' light.
+        Parts narrower than a sample, and edges along the samples' rows, show in it. 0 samples miss the areas' light.
         """
         cells, (rows, columns) = self._cells, self._cells.shape
         found, (left, top, right, _) = np.empty(cells.shape, np.float32), cells.bounds_px
@@ -63,11 +63,11 @@ class SampledAreas:
             last = min(first + at_once, rows)
             band = ImageCells(cells.camera, (left, top + first / cells.per_px[1], right, top + last / cells.per_px[1]),
                               (columns, last - first))
-            found[first:last] = _errors(self._drawn, band, count) * self._scale
+            found[first:last] = _missed(self._drawn, band, count) * self._scale
         return found
 
 
-def _errors(drawn: list[tuple[FacetTables, BodyView, np.ndarray, np.ndarray]], cells: ImageCells, count: int
+def _missed(drawn: list[tuple[FacetTables, BodyView, np.ndarray, np.ndarray]], cells: ImageCells, count: int
             ) -> np.ndarray:
     """Those of some rows, in radiance: of facets with their vertices (2, V) [px] and radiance (F,)."""
     changes = accumulate.no_changes(cells.shape)
@@ -76,7 +76,7 @@ def _errors(drawn: list[tuple[FacetTables, BodyView, np.ndarray, np.ndarray]], c
         if count:
             accumulate.add_facets(changes, xy_px, facets.corners, facets.neighbours, radiance, 0, facets.n_facets,
                                   facets.n_facets, cells.origin_px, cells.per_px, count)
-    error, cover = np.empty((2, *cells.shape))
-    accumulate.means(changes, 0, len(error), error, cover)
+    missed, cover = np.empty((2, *cells.shape))
+    accumulate.means(changes, 0, len(missed), missed, cover)
     across, down = cells.tangents_squared
-    return np.abs(error) * (1.0 + across + down[:, None]) ** -1.5
+    return missed * (1.0 + across + down[:, None]) ** -1.5

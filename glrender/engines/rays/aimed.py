@@ -55,10 +55,14 @@ class AimedRays:
         Of all bodies.
     roi : (x0, y0, x1, y1) int [px]
         Part of the image, one past the last.
+    shared : callable, optional
+        Pixels of another image that share an image (rows, columns) of the part: errors are those of them.
     """
 
-    def __init__(self, engine: RayEngine, camera: PinholeCamera, views: list[BodyView], roi: tuple[int, int, int, int]):
+    def __init__(self, engine: RayEngine, camera: PinholeCamera, views: list[BodyView], roi: tuple[int, int, int, int],
+                 shared: Callable[[np.ndarray], np.ndarray] | None = None):
         self._roi, (x0, y0, x1, y1), self._has_lamps = roi, roi, bool(engine.scene.lamps)
+        self._shared = shared
         self.shape = (y1 - y0, x1 - x0)
         views = list(engine.blockers(views))
         self._bodies = [_FacingFacets(engine, camera, view, views, roi) for view in views if view.is_visible]
@@ -87,8 +91,8 @@ class AimedRays:
         """Irradiance [W/m2] of the facets were none hidden or shaded, and the Sun at its highest."""
         return sum(body.unhidden for body in self._bodies)
 
-    def until(self, tolerance: float, rng: np.random.Generator, report: Callable[[float], None] = lambda share: None
-              ) -> tuple[np.ndarray, float]:
+    def until(self, tolerance: float, rng: np.random.Generator, report: Callable[[float], None] = lambda share: None,
+              most_points: int = _MOST_POINTS) -> tuple[np.ndarray, float]:
         """Draw until the tolerance is met or the most points are spent.
 
         Parameters
@@ -97,6 +101,7 @@ class AimedRays:
         rng : Generator
         report : callable
             Called with the share done, 0..1.
+        most_points : int
 
         Returns
         -------
@@ -106,19 +111,19 @@ class AimedRays:
             missed: by Laplace's rule of succession.
         """
         sums, n_points, n_each, done = np.zeros((_SETS, int(self.may_be_lit.sum()))), 0, _FIRST_POINTS, 0.0
-        n_each = min(max(n_each, self.n_facets), _MOST_POINTS // _SETS)
+        n_each = min(max(n_each, self.n_facets), most_points // _SETS)
         while True:
             for one in sums:
                 one += n_each * self._drawn(n_each, rng)
             n_points += n_each
             mean, error = self._mean_of(sums / n_points, _SETS * n_points)
-            is_over = _SETS * (n_points + 2 * n_each) > _MOST_POINTS
+            is_over = _SETS * (n_points + 2 * n_each) > most_points
             # A tolerance out of reach is not paid for: the error falls by the points' power of 3/4, about.
-            is_over |= _SETS * n_points * (error / tolerance) ** (4.0 / 3.0) > _HOPELESS * _MOST_POINTS and mean.any()
+            is_over |= _SETS * n_points * (error / tolerance) ** (4.0 / 3.0) > _HOPELESS * most_points and mean.any()
             if is_over or error <= (tolerance if mean.any() else _DARK):
                 report(1.0)
                 return mean, error
-            done = max(done, min((tolerance / error) ** 1.5, 1.0), _SETS * n_points / _MOST_POINTS)
+            done = max(done, min((tolerance / error) ** 1.5, 1.0), _SETS * n_points / most_points)
             report(done)
             n_each = n_points
 
@@ -129,6 +134,11 @@ class AimedRays:
         missed = 1.0 / (n_points + 2.0)
         if not mean.any():
             return image, missed if self.unhidden > 0.0 else 0.0
+        if self._shared is not None:
+            images = np.zeros((len(sets), *self.shape))
+            images[:, self.may_be_lit] = sets
+            sets = np.stack([self._shared(each).ravel() for each in images])
+            mean = sets.mean(axis=0)
         variance = sets.var(axis=0, ddof=1) / len(sets)
         # Pixels, were those that scatter most alike: the fewer, the farther this frame may be from the usual.
         n_alike = float(variance.sum()) ** 2 / max(float((variance**2).sum()), 1e-300)
