@@ -123,6 +123,16 @@ class Renderer:
         self._is_closed = True
         if self._own.is_here:
             self._stack.close()
+            # Images with derivatives keep their renderer.
+            self._bodies.clear()
+            self._wholes.clear()
+
+    def _check_open(self) -> None:
+        """Refuse another process, and a renderer that was closed."""
+        self._own.check()
+        if self._is_closed:
+            raise DeviceError("this renderer is closed; open another one (an image's gradients draw its frame anew: "
+                              "ask for them before)")
 
     @property
     def info(self) -> dict[str, Any]:
@@ -183,7 +193,7 @@ class Renderer:
         ConfigError
             An argument breaks a rule.
         """
-        self._own.check()
+        self._check_open()
         clock, wanted, deadline = Clock(), checked_products(products), _deadline(deadline_s)
         names = checked_derivatives(derivatives, self.scene)
         request = self._by_noise(state, self._request(camera, max_error, samples, engine, use, bool(names)))
@@ -235,9 +245,7 @@ class Renderer:
         ConfigError
             An argument breaks a rule, or the frame has what has no derivatives (docs/derivatives.md).
         """
-        self._own.check()
-        if self._is_closed:
-            raise DeviceError("this renderer is closed, and gradients draw the frame anew: ask before it is closed")
+        self._check_open()
         request = self._by_noise(state, self._request(camera, max_error, None, None, WHOLE_IMAGE, True))
         if not callable(weights):
             weights = checked_weights(weights, (request.camera.height_px, request.camera.width_px))
@@ -286,6 +294,8 @@ class Renderer:
         try:
             first = self.render(state, request.camera, max_error=LOOSE, derivatives=["spacecraft"])
         except ConfigError as error:
+            if error.path != "derivatives":
+                raise
             raise ConfigError(path, f"needs derivatives: these {error.rule}", sigmas,
                               f"{error.hint}, or take a number for max_error") from None
         rms = min(max(tolerance_of_sigmas(first, sigmas) * request.use.error_gain, LEAST), asked.get("rms", 1.0))

@@ -61,6 +61,10 @@ class Image:
     jacobian: Jacobian | None = None
     gradient: Callable[[np.ndarray], Mapping[str, Any]] | None = None
 
+    def __getstate__(self) -> dict[str, Any]:
+        """What a copy in another process has: no gradients, which are the renderer's."""
+        return {**vars(self), "gradient": None}
+
     def __repr__(self) -> str:
         height, width = self.irradiance_W_m2.shape
         return (f"<Image {self.plan.camera} {width} x {height} px, {self.irradiance_W_m2.max():.3g} W/m2 at most, "

@@ -29,7 +29,7 @@ class PreparedBody:
     solid : RayMesh or None
         For rays; None without Embree, and of a part of a body: rays meet the whole.
     facets : FacetTables or None
-        For coverage, likewise; None too where facets are not evenly bright.
+        For coverage, likewise; None too of many facets of which none is evenly bright.
     """
 
     index: int

@@ -63,7 +63,8 @@ class ShadowCheck:
         self._weight.append(n**2 / are_other.sum(axis=1))
         self._difference.append(difference.mean(axis=1))
         self._light += float(light.sum() - self._weight[-1] @ self._difference[-1])
-        self._n_lit += np.count_nonzero(light) + float(self._weight[-1][light[other] == 0.0].sum())
+        is_new = (light[other] == 0.0) & difference.any(axis=1)
+        self._n_lit += np.count_nonzero(light) + float(self._weight[-1][is_new].sum())
 
     def _differences(self, row: np.ndarray, column: np.ndarray, drawn: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Which samples (K,) by their rows and columns in the window rays find lit or dark otherwise, and by how much.

@@ -134,14 +134,13 @@ def ways_to_draw(group: Group, bodies: Sequence[Seen], plans: Sequence[BodyPlan]
             for index, option in enumerate(options)]
 
 
-def apart_limit(views: Iterable[BodyView], apart_px: float) -> float:
-    """`apart_size_px` below which bodies are apart, so that together they cover no more than one of `apart_px`.
+def apart_limit(groups: Iterable[Group], apart_px: float) -> float:
+    """`apart_size_px` below which groups are apart, so that together they cover no more than a body of `apart_px`.
 
-    A body has a point for each 0.3 px: what spreads them is to cost as much for many bodies as for one.
+    They have a point for each 0.3 px: what spreads them is to cost as much for many bodies as for one.
     """
     covered = 0.0
-    for size_px in sorted(size for view in views if view.is_visible
-                          and (size := apart_size_px(view.size_px, view.phase_rad)) < apart_px):
+    for size_px in sorted(size for group in groups if (size := _apart_size_px(group)) < apart_px):
         covered += size_px**2
         if covered > apart_px**2:
             return size_px
@@ -154,6 +153,11 @@ def apart_size_px(size_px: float, phase_rad: float) -> float:
     A crescent has few pixels, and an image errs the more: at 24 px by 0.4 % of its mean at 20 deg, 7 % at 150 deg.
     """
     return max(size_px * math.cos(0.5 * phase_rad), size_px / _MOST_LARGER)
+
+
+def _apart_size_px(group: Group) -> float:
+    """That of bodies that are drawn together."""
+    return apart_size_px(group.size_px, min(view.phase_rad for view in group.views))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -213,7 +217,7 @@ def _target(group: Group, request: Request, apart_px: float) -> Target:
     """Where bodies are drawn."""
     if request.samples is not None or request.has_derivatives:
         return "region"
-    if apart_size_px(group.size_px, min(view.phase_rad for view in group.views)) < apart_px:
+    if _apart_size_px(group) < apart_px:
         return "point"
     return "own_grid" if group.size_px < _SMALL_PX else "region"
 

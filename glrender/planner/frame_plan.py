@@ -57,7 +57,7 @@ def plan_frame(seen: Sequence[Seen], request: Request) -> FramePlan:
     groups = touching(views, request.camera)
     shared = {name: request.budget(group, "raster") for group in groups for name in group.names}
     bodies = {body.view.name: plan_body(body, request.camera, shared.get(body.view.name)) for body in seen}
-    options, by_name, apart_px = [], {body.view.name: body for body in seen}, apart_limit(views, request.use.apart_px)
+    options, by_name, apart_px = [], {body.view.name: body for body in seen}, apart_limit(groups, request.use.apart_px)
     for group in groups:
         members = [by_name[name] for name in group.names]
         options.append(tuple(ways_to_draw(group, members, [bodies[name] for name in group.names], request, apart_px)))

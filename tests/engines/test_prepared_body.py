@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import gc
+import pickle
+import weakref
 from dataclasses import replace
 
 import pytest
 import views
-from glrender import Body, Renderer, generate
+from glrender import Body, DeviceError, Renderer, generate
 from glrender.brdf import Lambert
 from missing import needed_module
 
@@ -45,5 +48,22 @@ def test_memory_is_in_proportion_to_facets_and_is_each_body_s_own():
         assert both["body"][part] == pytest.approx(4 * both["coarser"][part], rel=0.01), part
 
 
-def test_coverage_holds_nothing_of_what_it_does_not_draw():
-    assert memory(replace(BODY, smooth_normals=True))["body"]["coverage"] == 0
+def test_what_coverage_holds_of_bodies_that_it_does_not_draw_counts():
+    """Of few facets the tables, which show what samples pass by; nothing of 10,000 and more."""
+    finer = generate.icosphere(radius_m=100.0, subdivisions=5)
+    for shape, least in ((SHAPE, 68 * len(SHAPE.facets)), (finer, 0)):
+        found = memory(replace(BODY, shape=shape, smooth_normals=True))["body"]["coverage"]
+        assert (found > least) if least else found == 0
+
+
+def test_an_image_with_derivatives_holds_no_tables_of_a_closed_renderer_and_can_be_sent():
+    with Renderer(views.scene([BODY], [views.camera(32, 100.0)])) as renderer:
+        image = renderer.render(views.state(), derivatives=["spacecraft"])
+        held = weakref.ref(renderer._bodies["body"].solid)
+    gc.collect()
+    assert held() is None and image.gradient is not None
+    with pytest.raises(DeviceError, match="this renderer is closed; open another"):
+        image.gradient(image.irradiance_W_m2)
+    sent = pickle.loads(pickle.dumps(image))
+    assert sent.gradient is None and (sent.irradiance_W_m2 == image.irradiance_W_m2).all()
+    assert (sent.jacobian["spacecraft"] == image.jacobian["spacecraft"]).all()

@@ -192,12 +192,13 @@ def test_each_of_two_small_bodies_errs_by_its_own_facets():
 
 
 def test_bodies_apart_cover_no_more_than_one():
-    """Eight of 20 px would cost eight times what one does: none is apart; of small ones all are."""
-    one, eight = [view(size_px=20.0, phase_deg=0.0)], [view(f"{k}", size_px=20.0, phase_deg=0.0) for k in range(8)]
-    assert engine_choice.apart_limit(one, 24.0) == engine_choice.apart_limit([], 24.0) == 24.0
-    assert engine_choice.apart_limit(eight, 24.0) == 20.0
-    assert engine_choice.apart_limit([view(f"{k}", size_px=8.0) for k in range(8)], 24.0) == 24.0
-    assert engine_choice.apart_limit([*eight, view("moon", size_px=3.0)], 24.0) == 20.0
+    """Eight of 20 px would cost eight times what one does: none is apart; of small ones all are. Parts are one."""
+    parts = [view(f"{k}", size_px=20.0, phase_deg=0.0) for k in range(8)]
+    eight = [grouping.Group.of([each], planning.CAMERA) for each in parts]
+    small = [grouping.Group.of([view(f"{k}", size_px=8.0)], planning.CAMERA) for k in range(8)]
+    for groups in (eight[:1], [], small, [grouping.Group.of(parts, planning.CAMERA)]):
+        assert engine_choice.apart_limit(groups, 24.0) == 24.0
+    assert engine_choice.apart_limit(eight, 24.0) == engine_choice.apart_limit([*eight, small[0]], 24.0) == 20.0
     assert engine_choice.apart_limit(eight, 0.0) == 0.0
 
 

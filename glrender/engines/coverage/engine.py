@@ -60,9 +60,8 @@ class CoverageEngine:
                         if Surface(body).n_uneven < max(len(body.shape.facets), FEWEST_CENTROIDS)}
 
     def facets(self, name: str) -> FacetTables | None:
-        """A body's tables; None where its facets are not evenly bright."""
-        found = self._facets.get(name)
-        return found if found is not None and found.surface.is_even else None
+        """A body's tables; None of one with many facets of which none is evenly bright."""
+        return self._facets.get(name)
 
     def close(self) -> None:
         """Release the tables."""

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import views
 from glrender import Body, Renderer
-from glrender.base.errors import ConfigError
+from glrender.base.errors import ConfigError, SceneError
 from glrender.brdf import Lambert
 from glrender.capture.capture import take_frame
 from glrender.engines.rays.backend import RayTracer
@@ -66,6 +66,8 @@ def test_refusals():
     smooth = replace(scene(), bodies=[replace(scene().bodies[0], smooth_normals=True)])
     refused(r"max_error.sigmas: needs derivatives.*smooth normals.*number for max_error", smooth)
     refused(r"max_error.sigmas: .*backend", scene(), RayTracer)
+    with Renderer(scene()) as renderer, pytest.raises(SceneError, match=r"^state.bodies.body: missing"):
+        renderer.render(replace(STATE, bodies={}), max_error={"sigmas": 1.0})
     for value in (0.0, np.nan, 1e5):
         with pytest.raises(ConfigError, match=r"max_error.sigmas"):
             checked_max_error({"sigmas": value})
