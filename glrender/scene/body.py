@@ -126,6 +126,9 @@ class Body:
         for key in ("materials", "detail"):
             if getattr(self, key) is not None:
                 raise ConfigError(key, "goes without regions", hint="leave one out; a region may have a brdf")
+        if self.albedo_map is not None and self.albedo_projection is None:
+            raise ConfigError("albedo_map", "goes with regions if it is of longitudes and latitudes",
+                              hint="give albedo_projection, or leave it or the regions out")
         shape = with_regions(self.shape.of_one_material(), regions, self.brdf)
         if shape.materials:
             if self.albedo_map is not None:

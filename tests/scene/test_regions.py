@@ -157,11 +157,29 @@ def test_holes_of_a_region_are_closed():
     (lambda: Region(shape=generate.icosphere(radius_m=10.0, subdivisions=1)), "must be an open surface with a rim"),
     (lambda: Region(shape=Shape.from_arrays(cap(4).vertices_m, cap(4).facets[[0, -1]])),
      "regions[0].shape: must be in one piece"),
+    (lambda: Region(shape=Shape.from_arrays(cap(4).vertices_m, cap(4).facets, sides="both")),
+     "regions[0].sides: must be front"),
     (lambda: "cap", "regions[0]: must be a Region")])
 def test_a_region_that_is_not_a_part_of_the_body_is_refused(region, message):
     with pytest.raises(ConfigError) as refused:
         Body(name="body", shape=fine(4), brdf=GREY, regions=[region()])
     assert message in str(refused.value)
+
+
+@pytest.mark.parametrize(("changed", "message"), [
+    ({"regions": Region(shape=cap(4))}, "regions: must be a list of Region"),
+    ({"regions": (each for each in [Region(shape=cap(4), brdf=GREY)])}, "regions: must be a list of Region"),
+    ({"shape": Shape.from_arrays(cap(4).vertices_m, cap(4).facets, sides="both")}, "sides: must be front of a body"),
+    ({"albedo_map": np.ones((4, 8))}, "albedo_map: goes with regions if it is of longitudes")])
+def test_a_body_that_takes_no_regions_is_refused(changed, message):
+    with pytest.raises(ConfigError, match=message):
+        Body(**{"name": "body", "shape": fine(4), "brdf": GREY, "regions": [Region(shape=cap(4))]} | changed)
+
+
+def test_a_rim_that_is_far_off_is_logged(caplog):
+    raised = Shape.from_arrays(1.08 * cap(5, np.radians(10.0)).vertices_m, cap(5, np.radians(10.0)).facets)
+    (text,) = with_regions(fine(4), [Region(shape=raised)]).report.warnings
+    assert "off the shape around" in text and text in caplog.text
 
 
 def test_a_region_that_reaches_over_the_edge_of_open_ground_is_refused():

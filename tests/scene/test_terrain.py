@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from glrender import Body, ConfigError, Scene, Shape, frames
+from glrender import Body, ConfigError, Region, Scene, Shape, frames
 from glrender.brdf import Lambert
 from glrender.scene.formats.terrain import GeoTiff, patch
 from glrender.scene.plugins.registry import shape_readers
@@ -18,6 +18,7 @@ from glrender.scene.shape.files import MAX_FACETS
 from glrender.scene.shape.grids import checked_rings, nested
 from glrender.scene.surface import Surface
 from missing import missing, needed_module
+from scipy.spatial import cKDTree
 
 MOON_M, MARS_M = 1_737_400.0, (3_396_190.0, 3_376_200.0)
 EQUIRECTANGULAR = f"+proj=eqc +lat_ts=26 +R={MOON_M} +units=m"
@@ -326,6 +327,16 @@ def test_maps_that_are_none_are_refused(tmp_path):
                           LONG_LAT, at, 1.0), "must name its number for no data.*; gdal_edit"),
         "custom.tif": (write(tmp_path / "custom.tif", np.where(flat + np.arange(20) < 3, np.float32(-9999.0), flat),
                              LONG_LAT, at, 1.0), "must name its number for no data.*got -9999"),
+        "top.tif": (write(tmp_path / "top.tif", np.where(flat + np.arange(20) < 3, 32767, 9).astype(np.int16),
+                          LONG_LAT, at, 1.0), "must name its number for no data.*got 32767"),
+        "most.tif": (write(tmp_path / "most.tif", np.where(flat + np.arange(20) < 3, 65535, 9).astype(np.uint16),
+                           LONG_LAT, at, 1.0), "must name its number for no data.*got 65535"),
+        "long.tif": (write(tmp_path / "long.tif", np.where(flat + np.arange(20) < 3, -99999, 9).astype(np.int32),
+                           LONG_LAT, at, 1.0), "must name its number for no data.*got -99999"),
+        "centric.tif": (write(tmp_path / "centric.tif", flat, "IAU_2015:49902", at, 1.0),
+                        r"must have longitudes east.*got 'Mars \(2015\) / Ocentric'; gdalwarp -s_srs"),
+        "west.tif": (write(tmp_path / "west.tif", flat, "IAU_2015:49901", at, 1.0),
+                     "must have longitudes east.*Ographic"),
         "high.tif": (write(tmp_path / "high.tif", np.where(flat + np.arange(20) < 3, np.float32(1e38), flat),
                            LONG_LAT, at, 1.0), "must name its number for no data.*; gdal_edit"),
         "disc.tif": (write(tmp_path / "disc.tif", flat, f"+proj=ortho +R={MOON_M}", (-2e6, 2e6), 2e5),
@@ -346,6 +357,24 @@ def test_maps_that_are_none_are_refused(tmp_path):
             patch(path)
     with pytest.raises(ConfigError, match="^site_deg: must be where the map"):
         patch(wrong["none.tif"][0], site_deg=(10.0, 10.0))
+
+
+def test_a_sphere_has_latitudes_of_one_kind(tmp_path):
+    path = write(tmp_path / "sphere.tif", np.zeros((20, 20), np.float32), "IAU_2015:49900", (0.0, 20.0), 1.0)
+    np.testing.assert_allclose(np.linalg.norm(patch(path).vertices_m, axis=1), MARS_M[0], rtol=1e-12)
+
+
+@pytest.mark.parametrize("site", [None, APOLLO, (3.65, 26.14)])
+def test_a_map_is_a_region_in_its_place(files, site):
+    """On ground about its planet's centre, about the same site, and about another: in place to a micrometre."""
+    around = patch(files / "plane.tif", **({"facets": 20_000} if site is None else {
+        "site_deg": site, "rings": [[2000.0, 100.0]]}))
+    fine = patch(files / "plane.tif", site_deg=APOLLO, rings=[[200.0, 15.0]])
+    body = Body(name="ground", shape=around, brdf=Lambert(normal_albedo=0.1), regions=[Region(shape=fine)])
+    on_planet_m = fine.vertices_m @ frames.dcm(fine.q_site_from_planet) + fine.r_site_planet_m
+    there = (on_planet_m - around.r_site_planet_m) @ frames.dcm(around.q_site_from_planet).T
+    off_m, _ = cKDTree(body.shape.vertices_m).query(there)
+    assert off_m.max() < 1e-6 and body.shape.report.seams[0].gap_max_m < 6.0
 
 
 def test_a_missing_rasterio_is_said(files, monkeypatch):

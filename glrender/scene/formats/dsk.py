@@ -16,10 +16,8 @@ from ..shape.files import FileMesh, facet_limit
 
 # DAS files with DSK segments begin with it; a file that was copied as text does not.
 _ID_WORD = b"DAS/DSK "
-# Type of plates. Bytes of a record, and place of the first free record's number in what SPICE's dashfs tells.
-_PLATES, _RECORD_BYTES, _FREE = 2, 1024, 4
-# Vertices or plates that are read in a turn.
-_ROWS = 1 << 17
+# Type of plates; bytes of a record; place of the first free record's number in SPICE's dashfs; rows read in a turn.
+_PLATES, _RECORD_BYTES, _FREE, _ROWS = 2, 1024, 4, 1 << 17
 
 
 class Dsk:
@@ -90,9 +88,9 @@ def _segments(spice: Any, handle: int) -> list[tuple[Any, Any]]:
         while True:
             found.append((place, spice.dskgd(handle, place)))
             place = spice.dlafns(handle, place)
-    if not found:
-        raise ShapeError("", "is a DSK without segments", None)
-    return found
+    if found:
+        return found
+    raise ShapeError("", "is a DSK without segments", None)
 
 
 def _rows(read: Any, handle: int, place: Any, count: int) -> np.ndarray:

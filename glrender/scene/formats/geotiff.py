@@ -17,14 +17,14 @@ from ...base.errors import ShapeError
 _ELLIPSOID = re.compile(r'(?:SPHEROID|ELLIPSOID)\["[^"]*",\s*([-+.\deE]+),\s*([-+.\deE]+)')
 # Metres in the unit of a band of heights, of one or of several; most say none.
 _METRES = {"": 1.0, "m": 1.0, "metre": 1.0, "meter": 1.0, "km": 1e3, "kilometre": 1e3, "kilometer": 1e3}
-# Numbers for no data: from that size on, the lowest of 16 bits, and a custom of files that name none and have no scale.
-_HUGE, _LOWEST, _CUSTOM = 2.0**31, -2.0**15, -9999.0
+# The IAU's maps of an ellipsoid whose latitudes are about its centre, or whose longitudes run west: GDAL forgets both.
+_OF_OTHER_DEGREES = re.compile(r'"([^"]*(?:[Oo]centric|/ Ographic)[^"]*)"')
+# Numbers for no data: from that size on, the lowest of 16 bits; if none is named or scaled, customs, two for heights.
+_HUGE, _LOWEST, _CUSTOM = 2.0**31, -2.0**15, (-9999.0, -99999.0, 2.0**15 - 1.0, 2.0**16 - 1.0)
 # Longitudes and latitudes [deg], whose places show whether a map goes round its planet in equal steps.
 _ROUND = np.array([[0.0, 1.0, 45.0, 46.0, 90.0], [0.0, 0.0, 60.0, 60.0, -30.0]])
-# Pixels that are read in a turn, of some 20 bytes, and the most of a map.
-_PX_AT_ONCE, _MOST_PX = 1 << 23, 1 << 33
-# Distance off the map [px], and weight of a pixel [1], that count as none.
-_NONE = 1e-6
+# Pixels read in a turn, of 20 bytes; the most of a map; distance off it [px], and weight of a pixel, that are none.
+_PX_AT_ONCE, _MOST_PX, _NONE = 1 << 23, 1 << 33, 1e-6
 
 
 class Map:
@@ -51,6 +51,9 @@ class Map:
             raise ShapeError(field, "must have a projection with its datum, and a place on it", source.name,
                              "write it with both, as by gdal_translate -a_srs ... -a_ullr ...")
         a_m, inverse_flattening = map(float, found.groups())
+        if inverse_flattening and (other := _OF_OTHER_DEGREES.search(source.crs.to_wkt())):
+            raise ShapeError(field, "must have longitudes east and latitudes along its ellipsoid's normal", other[1],
+                             "gdalwarp -s_srs IAU_2015:... -t_srs '+proj=longlat +a=... +b=...' makes them")
         self.radii_m = a_m, a_m * (1.0 - 1.0 / inverse_flattening) if inverse_flattening else a_m
         self._degrees = rasterio.crs.CRS.from_proj4("+proj=longlat +a={!r} +b={!r} +no_defs".format(*self.radii_m))
         self.turn_px = self._columns_of_a_turn()
@@ -128,10 +131,9 @@ class Map:
         """Grey values (H, W) over their full scale around columns and rows (2, N) [px], NaN for none; these in it."""
         if not (on := self.has(pixel)).any():
             raise ShapeError(self._field, "must show some of the ground", self._source.name, "its edges are elsewhere")
-        begin = np.maximum(pixel[:, on].min(axis=1).astype(int), 0)
+        source, begin = self._source, np.maximum(pixel[:, on].min(axis=1).astype(int), 0)
         size = np.minimum(pixel[:, on].max(axis=1).astype(int) + 2, self.shape[::-1]) - begin
-        drawn = np.maximum((size * min(1.0, most_px / size.max())).astype(int), 1)
-        source, (right, bottom) = self._source, begin + size
+        drawn, (right, bottom) = np.maximum((size * min(1.0, most_px / size.max())).astype(int), 1), begin + size
         if source.colorinterp[0].name == "palette":
             raise ShapeError(self._field, "must have grey values or colours, and no palette", source.name,
                              "unfold it by gdal_translate -expand gray")
@@ -147,8 +149,9 @@ class Map:
                                  resampling=self._rasterio.enums.Resampling.average,
                                  out_shape=None if size is None else (n, *size))
         scales, offsets = (np.array(each[:n])[:, None, None] for each in (self._source.scales, self._source.offsets))
-        custom = _CUSTOM if self._source.nodata is None and (scales == 1.0).all() else _LOWEST
-        is_none = (made <= -_HUGE) | ((made >= _HUGE) & (made < np.inf)) | (made == _LOWEST) | (made == custom)
+        customs = _CUSTOM[:4 if size is None else 2] if self._source.nodata is None and (scales == 1.0).all() else ()
+        is_none = (made <= -_HUGE) | ((made >= _HUGE) & (made < np.inf))
+        is_none |= np.logical_or.reduce([made == each for each in (_LOWEST, *customs)])
         if np.ma.any(is_none):
             raise ShapeError(self._field, "must name its number for no data: some pixels have one that is customary",
                              made[np.ma.filled(is_none, False)][0], "gdal_edit.py -a_nodata writes it, or another")

@@ -87,7 +87,6 @@ def patch(path: str | Path, *, site_deg: Sequence[float] | None = None, rings: S
     Raises
     ------
     ShapeError, ConfigError
-        With the field, the rule, the value and the way out.
     """
     if rings is not None and (site_deg is None or facets is not None):
         wrong = ("site_deg", "missing") if site_deg is None else ("facets", "goes with the whole map", facets)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -20,6 +21,7 @@ from .materials import FileMaterial
 from .planar import area, between, located
 from .shape import Seam, Shape, checked
 
+_log = logging.getLogger(__name__)
 # Width of a seam over the longest side of its rim and over the RMS gap [1]: a slope of 1 in 4, 14 degrees, throws no
 # shadow until the Sun is lower.
 _OF_SIDE, _OF_GAP = 2.0, 4.0
@@ -75,6 +77,13 @@ class Region:
         """(V, 3) float64 [m], body-fixed."""
         return self.shape.vertices_m @ dcm(np.asarray(self.q_body_from_region)).T + np.asarray(self.r_region_body_m)
 
+    def on(self, shape: Shape) -> np.ndarray:
+        """Vertices (V, 3) float64 [m] in a body's axes: of ground around a site of a map, by the places of both."""
+        own_m, origin_m = (getattr(each, "r_site_planet_m", None) for each in (self.shape, shape))
+        if own_m is None or origin_m is None or not np.array_equal(np.asarray(self.r_region_body_m), own_m):
+            return self.vertices_m
+        return (self.vertices_m - origin_m) @ dcm(getattr(shape, "q_site_from_planet")).T  # noqa: B009
+
 
 def with_regions(shape: Shape, regions: Sequence[Region], law: Law | None = None) -> Shape:
     """A shape with regions set into it, later ones over earlier ones.
@@ -94,19 +103,27 @@ def with_regions(shape: Shape, regions: Sequence[Region], law: Law | None = None
     ShapeError
         A region is not on the body, turned inside out, of several pieces, or larger than half of the body.
     """
+    if not isinstance(regions, Sequence) or isinstance(regions, str):
+        raise ConfigError("regions", "must be a list of Region", regions)
+    if shape.other_side is not None:
+        raise ShapeError("sides", "must be front of a body with regions: its shape has facets with two sides")
     mesh = _Mesh(shape.vertices_m, shape.facets.astype(np.int64), np.zeros(len(shape.facets), int))
     found, warnings = [], list(shape.report.warnings)
     for index, region in enumerate(regions):
         with error_path(f"regions[{index}]"):
             if not isinstance(region, Region):
                 raise ConfigError("", "must be a Region", region)
-            mesh, seam = _Seat(mesh, region).filled(index + 1)
+            if region.shape.other_side is not None:
+                raise ShapeError("sides", "must be front of a region: its shape has facets with two sides")
+            mesh, seam = _Seat(mesh, region.on(shape), region.shape.facets.astype(np.int64)).filled(index + 1)
         found.append(seam)
         if seam.gap_max_m > _DOUBTED_GAP * seam.extent_m:
             warnings.append(f"the rim of regions[{index}], {seam.extent_m:.4g} m across, is up to {seam.gap_max_m:.4g} "
                             "m off the shape around: are its length unit and pose right?")
         if seam.n_holes:
             warnings.append(f"{seam.n_holes} holes in regions[{index}] closed by flat facets")
+    for text in warnings[len(shape.report.warnings):]:
+        _log.warning("%s", text)
     material, materials = None, shape.materials
     if any(each.brdf is not None for each in regions):
         laws = [law, *(each.brdf or law for each in regions)]
@@ -130,8 +147,8 @@ class _Mesh:
 class _Seat:
     """The place of one region on a mesh, seen along the region's mean normal."""
 
-    def __init__(self, mesh: _Mesh, region: Region):
-        self.vertices_m, self.facets = region.vertices_m, region.shape.facets.astype(np.int64)
+    def __init__(self, mesh: _Mesh, vertices_m: np.ndarray, facets: np.ndarray):
+        self.vertices_m, self.facets = vertices_m, facets
         vectors, own = area_vectors(mesh.vertices_m, mesh.facets), area_vectors(self.vertices_m, self.facets)
         share = float(np.linalg.norm(own, axis=1).sum() / np.linalg.norm(vectors, axis=1).sum())
         if share > _MOST_AREA:
