@@ -34,8 +34,8 @@ _LARGE_OF_MANY = 20.0
 _MOST_DIVISIONS = 6
 # Triangles that are too many to be divided again: a round choice.
 _MANY = 120_000
-# Length of a part over its facet's width [1] up to which corners show what is between them: two layers of ten bars,
-# 1 : 400 to 1 : 50.
+# Length of a part over its facet's width [1] up to which corners show what is between them: a round choice, tried with
+# two layers of ten bars, 1 : 400 to 1 : 50.
 _LONG = 1.5
 
 
