@@ -93,7 +93,7 @@ def sun_box(state: State, camera: PinholeCamera) -> tuple[int, int, int, int] | 
     centre = camera.project(r_sun)
     if not np.isfinite(centre).all():
         return None
-    # Off axis the disc is longer than it is wide, by the cosine squared at most.
+    # The disc is longer than it is wide off axis, by the cosine squared at most.
     cosine = r_sun[2] / distance_m
     reach = camera.focal_length_px * np.tan(np.arcsin(SUN_RADIUS_M / distance_m)) / cosine**2
     reach = reach * (1.0 if camera.lens_map is None else camera.lens_map.stretch) + 2.0

@@ -189,7 +189,7 @@ def _stumpff(z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Stumpff's C and S: (1 - cos sqrt z) / z and (sqrt z - sin sqrt z) / sqrt(z)^3."""
     small = np.where(np.abs(z) < 1.0, z, 0.0)
     c_series, s_series = np.zeros_like(small), np.zeros_like(small)
-    # Of |z| < 1 the eleventh term is below 1e-22; Horner, from the last one.
+    # The eleventh term is below 1e-22 where |z| < 1; Horner, from the last one.
     for k in range(10, -1, -1):
         c_series = (1.0 - c_series * small / ((2 * k + 3) * (2 * k + 4)))
         s_series = (1.0 - s_series * small / ((2 * k + 4) * (2 * k + 5)))

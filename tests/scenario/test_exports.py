@@ -116,6 +116,12 @@ def test_spice_sees_a_point_in_the_pixel_where_the_camera_has_it(spice):
     np.testing.assert_allclose(edges, [[-0.5, -0.5], [199.5, -0.5], [199.5, 99.5], [-0.5, 99.5]], atol=1e-9)
 
 
+def test_keywords_of_long_numbers_have_spices_32_characters():
+    for name, text in exports_of(flight(ids={"Orbiter": -2_000_000}), ["ck"]).items():
+        if name != "frames.bc":
+            assert max(len(line.split()[0]) for line in text.decode().splitlines() if "= (" in line) <= 32
+
+
 def test_the_clock_counts_microseconds_of_tdb(spice):
     et = et_of(flight().states[0])
     ticks = spice.sce2c(-64, et)
@@ -154,7 +160,11 @@ def messages(text):
 
 def test_an_oem_has_kilometres_about_the_first_body_in_tdb():
     text = exports_of(flight(), ["oem"])["frames.oem"].decode()
-    assert text.startswith("CCSDS_OEM_VERS = 2.0\nCREATION_DATE = 2029-02-13T12:00:00.123456\nORIGINATOR = ")
+    header = text.partition("\n\nMETA_START\n")[0].splitlines()
+    # 502.0-B-3, table 5-2: comments of the header stand only right behind the version.
+    assert [line.split()[0] for line in header] == [
+        "CCSDS_OEM_VERS", "COMMENT", "COMMENT", "CREATION_DATE", "ORIGINATOR"]
+    assert header[3] == "CREATION_DATE = 2029-02-13T12:00:00.123456"
     (craft, rows), (moon, moon_rows), (sun, sun_rows) = messages(text)
     assert (craft["OBJECT_NAME"], moon["OBJECT_NAME"], sun["OBJECT_NAME"]) == ("ORBITER", "MOON", "SUN")
     assert {(each["CENTER_NAME"], each["REF_FRAME"], each["TIME_SYSTEM"]) for each in (craft, moon, sun)} == {
@@ -237,6 +247,10 @@ def without_date(state):
     ({"radii_m": {"rock": 1.0, "other": 1.0}}, ["oem"], "states[0].bodies: must have every body of the scene"),
     ({"ids": {"rock": 301}}, ["spk"], "ids: must give each body a number of its own"),
     ({"ids": {"moon": 10}}, ["ck"], "and none the Sun's"),
+    ({"states": [replace(made(i), bodies={"ssb": made(i).bodies["rock"]}) for i in (0, 1)], "radii_m": {"ssb": 1.0},
+      "ids": {}}, ["spk"], "the solar system's (0)"),
+    ({"states": [replace(made(i), bodies={"dart": made(i).bodies["rock"]}) for i in (0, 1)], "radii_m": {"dart": 1.0},
+      "ids": {"Orbiter": -135}}, ["ck"], "the spacecraft's (-135)"),
     ({"spacecraft": "a name of more than twenty letters"}, ["oem"], "at most 20 letters"),
     ({"camera": replace(CAMERA, distortion=BrownConrady(k1=0.01))}, ["isd"],
      "cameras.Nav cam.distortion: must be absent for isd")])

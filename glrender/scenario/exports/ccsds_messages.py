@@ -47,9 +47,11 @@ def aem(flight: Flight) -> str:
 
 
 def _header(kind: str, version: str, flight: Flight) -> list[str]:
-    return [f"CCSDS_{kind}_VERS = {version}", f"CREATION_DATE = {flight.epochs[0].tdb}", "ORIGINATOR = GLRENDER", "",
+    # The standards allow comments in the header only right behind the version.
+    return [f"CCSDS_{kind}_VERS = {version}",
             "COMMENT CREATION_DATE is the first epoch, so that equal flights give equal files.",
-            "COMMENT States are those that the frames were drawn of: no light time, no aberration.", ""]
+            "COMMENT States are those that the frames were drawn of: no light time, no aberration.",
+            f"CREATION_DATE = {flight.epochs[0].tdb}", "ORIGINATOR = GLRENDER", ""]
 
 
 def _segment(flight: Flight, before: dict[str, str], behind: dict[str, str], rows: np.ndarray,

@@ -16,7 +16,7 @@ from .flight import Flight, in_capitals
 from .text_kernels import TICKS_PER_S, Codes
 
 _KM_PER_M = 1e-3
-_SUN = 10
+_SUN, _BARYCENTRE = 10, 0
 # Degree of SPK's polynomials: each follows from two states alone, so that holds and manoeuvres stay apart.
 _DEGREE = 3
 # Turn [rad] from row to row up to which a CK is interpolated: beyond it quaternions may stand for another turn.
@@ -29,9 +29,9 @@ def codes_of(flight: Flight) -> Codes:
     Raises
     ------
     ConfigError
-        Two bodies of one number; spiceypy missing.
+        Two bodies of one number, or one of the Sun's or the spacecraft's; spiceypy missing.
     """
-    tool = spiceypy_of("exports")
+    tool = spiceypy_of("--with")
     known = {}
     for name in flight.radii_m:
         try:
@@ -40,8 +40,11 @@ def codes_of(flight: Flight) -> Codes:
             continue
     codes = Codes(flight=flight, known=known)
     numbers = {name: codes.body(name) for name in flight.radii_m}
-    if len({*numbers.values(), _SUN}) <= len(numbers):
-        raise ConfigError("ids", "must give each body a number of its own, and none the Sun's", numbers)
+    taken = {_SUN, _BARYCENTRE, codes.spacecraft}
+    if len({*numbers.values(), *taken}) < len(numbers) + len(taken):
+        raise ConfigError("ids", f"must give each body a number of its own, and none the Sun's ({_SUN}), the solar "
+                          f"system's ({_BARYCENTRE}) or the spacecraft's ({codes.spacecraft})", numbers,
+                          "give others, as --ids ROCK=2101955: SPICE knows some names already")
     return codes
 
 
@@ -51,7 +54,7 @@ def spk(flight: Flight) -> bytes:
     Source: NAIF, SPK Required Reading: Hermite interpolation of states at unequal steps; km, km/s, J2000.
     """
     flight.needs_two("spk")
-    tool, codes, et_s = spiceypy_of("exports"), codes_of(flight), flight.et_s
+    tool, codes, et_s = spiceypy_of("--with"), codes_of(flight), flight.et_s
     centre = codes.body(flight.about)
     sun = flight.rows_of_sun()
     tracks = [(flight.spacecraft, codes.spacecraft, centre, flight.rows(flight.spacecraft)),
@@ -76,7 +79,7 @@ def ck(flight: Flight) -> bytes:
     Source: NAIF, CK Required Reading: SPICE's quaternion of `b_from_a` is `q_b_from_a`, angular velocities are in the
     base frame's axes; clocks' ticks are those of the flight's own SCLK.
     """
-    tool, codes = spiceypy_of("exports"), codes_of(flight)
+    tool, codes = spiceypy_of("--with"), codes_of(flight)
     ticks = (flight.et_s - codes.clock_start_s) * TICKS_PER_S
 
     def write(path: str) -> None:

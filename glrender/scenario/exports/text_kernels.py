@@ -102,7 +102,7 @@ def ik(codes: Codes) -> str:
     entries: dict[str, Any] = {
         f"{stem}_FOV_FRAME": in_capitals(camera.name), f"{stem}_FOV_SHAPE": "POLYGON",
         f"{stem}_BORESIGHT": np.array([0.0, 0.0, 1.0]), f"{stem}_FOV_CLASS_SPEC": "CORNERS",
-        f"{stem}_FOV_BOUNDARY_CORNERS": corners.ravel(), f"{stem}_FOCAL_LENGTH": camera.focal_length_px * PIXEL_MM,
+        f"{stem}_FOV_BOUNDARY": corners.ravel(), f"{stem}_FOCAL_LENGTH": camera.focal_length_px * PIXEL_MM,
         f"{stem}_PIXEL_SIZE": np.full(2, 1e3 * PIXEL_MM), f"{stem}_PIXEL_SAMPLES": camera.width_px,
         f"{stem}_PIXEL_LINES": camera.height_px, f"{stem}_CCD_CENTER": np.array(camera.principal_point_px)}
     if camera.distortion is not None:

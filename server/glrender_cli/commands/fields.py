@@ -10,7 +10,7 @@ from pathlib import Path
 from glrender import ConfigError
 from glrender_camera.validate import did_you_mean
 
-# Of the wheel, or of the repository that it would be built from.
+# A wheel has the page; an editable install reads the repository's.
 _PAGES = (Path(__file__).parents[1] / "scene_files.md",
           Path(__file__).parents[3] / "docs" / "reference" / "scene_files.md")
 

@@ -136,6 +136,8 @@ def _exports(arguments: argparse.Namespace, scene: Scene, states: list[State], c
         name, mark, number = word.rpartition("=")
         if not mark or not number.lstrip("-").isdecimal():
             raise ConfigError("--ids", "must be NAME=NUMBER", word)
+        if name in ids:
+            raise ConfigError("--ids", f"must name {name!r} once", word, "leave one out")
         ids[name] = int(number)
     flight = Flight(states=states, camera=scene.camera(camera), spacecraft=arguments.spacecraft or "spacecraft",
                     radii_m={body.name: body.hull.radius_m for body in scene.bodies}, ids=ids)
