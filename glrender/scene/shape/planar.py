@@ -46,7 +46,8 @@ def located(points: np.ndarray, corners: np.ndarray) -> tuple[np.ndarray, np.nda
     a, b, c = np.moveaxis(corners[triangle], 1, 0)
     p = points[point]
     weights = np.stack([_cross(b - p, c - p), _cross(c - p, a - p), _cross(a - p, b - p)], axis=1)
-    weights /= _cross(b - a, c - a)[:, None]
+    with np.errstate(divide="ignore", invalid="ignore"):  # triangles without an area hold no point
+        weights /= _cross(b - a, c - a)[:, None]
     inside = (weights >= -_ON).all(axis=1)
     return point[inside], triangle[inside], weights[inside]
 

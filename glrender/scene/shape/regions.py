@@ -193,7 +193,7 @@ class _Seat:
         before, after = (np.bincount(np.minimum(Edges(each).size, 3), minlength=4) for each in (facets, rows))
         if (before[[1, 3]] != after[[1, 3]]).any():
             raise ShapeError("", "must leave the body as closed as it is, and its rim cannot be joined",
-                             hint="cut it so that its rim is smooth")
+                             hint="cut it so that its rim is smooth; is its pose right?")
         seam = Seam(gap_max_m=float(np.abs(self.gaps_m).max()), gap_rms_m=float(np.sqrt(np.mean(self.gaps_m**2))),
                     width_m=self.width_m, extent_m=self.extent_m, n_facets=len(self.facets), n_strip=len(strip),
                     n_left_out=len(np.unique(parent[is_left_out])), n_holes=len(self.holes))
