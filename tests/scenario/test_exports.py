@@ -129,6 +129,19 @@ def test_the_clock_counts_microseconds_of_tdb(spice):
     assert spice.sct2e(-64, ticks) == et
 
 
+def test_the_earth_has_a_frame_that_spice_does_not_take_for_its_own(spice, tmp_path):
+    """SPICE has names of frames built in, which kernels do not replace: EARTH_FIXED is one of them."""
+    states = [replace(made(i), bodies={"Earth": made(i).bodies["rock"]}) for i in range(2)]
+    kernels = exports_of(flight(states=states, radii_m={"Earth": 6.4e6}, ids={"Orbiter": -65}), ["ck"])
+    for name, content in kernels.items():
+        (tmp_path / name).write_bytes(content)
+        spice.furnsh(str(tmp_path / name))
+    turned = spice.pxform("J2000", spice.cnmfrm("EARTH")[1], et_of(states[1]))
+    for name in kernels:
+        spice.unload(str(tmp_path / name))
+    np.testing.assert_allclose(turned, quaternion_matrix(*states[1].bodies["Earth"].q_from_inertial), atol=1e-9)
+
+
 def test_a_fast_spin_is_not_taken_for_a_slow_one(tmp_path):
     """Rows that a body turns more than a quarter of a turn between are single: SPICE refuses times between them."""
     tool = needed_module("spiceypy", "pip install -e '.[test]'")
@@ -252,6 +265,8 @@ def without_date(state):
     ({"states": [replace(made(i), bodies={"dart": made(i).bodies["rock"]}) for i in (0, 1)], "radii_m": {"dart": 1.0},
       "ids": {"Orbiter": -135}}, ["ck"], "the spacecraft's (-135)"),
     ({"spacecraft": "a name of more than twenty letters"}, ["oem"], "at most 20 letters"),
+    ({"camera": replace(CAMERA, name="galactic")}, ["spk"], "cameras.galactic.name: must not be that of another of"),
+    ({"camera": replace(CAMERA, name="Rock fixed")}, ["ck"], "cameras.Rock fixed.name: must not be that of another of"),
     ({"camera": replace(CAMERA, distortion=BrownConrady(k1=0.01))}, ["isd"],
      "cameras.Nav cam.distortion: must be absent for isd")])
 def test_what_a_file_cannot_hold_is_refused(changes, names, words):

@@ -17,6 +17,8 @@ from .text_kernels import TICKS_PER_S, Codes
 
 _KM_PER_M = 1e-3
 _SUN, _BARYCENTRE = 10, 0
+# NAIF, Frames Required Reading: frames built into SPICE have positive numbers below those left to users.
+_FIRST_USERS_FRAME = 1_400_000
 # Degree of SPK's polynomials: each follows from two states alone, so that holds and manoeuvres stay apart.
 _DEGREE = 3
 # Turn [rad] from row to row up to which a CK is interpolated: beyond it quaternions may stand for another turn.
@@ -29,7 +31,8 @@ def codes_of(flight: Flight) -> Codes:
     Raises
     ------
     ConfigError
-        Two bodies of one number, or one of the Sun's or the spacecraft's; spiceypy missing.
+        Two bodies of one number, or one of the Sun's or the spacecraft's; a camera with the name of
+        another frame; spiceypy missing.
     """
     tool = spiceypy_of("--with")
     known = {}
@@ -45,6 +48,11 @@ def codes_of(flight: Flight) -> Codes:
         raise ConfigError("ids", f"must give each body a number of its own, and none the Sun's ({_SUN}), the solar "
                           f"system's ({_BARYCENTRE}) or the spacecraft's ({codes.spacecraft})", numbers,
                           "give others, as --ids ROCK=2101955: SPICE knows some names already")
+    camera = in_capitals(flight.camera.name)
+    if (0 < tool.namfrm(camera) < _FIRST_USERS_FRAME
+            or camera in map(codes.frame_name, (flight.spacecraft, *flight.radii_m))):
+        raise ConfigError(f"cameras.{flight.camera.name}.name", "must not be that of another of SPICE's frames", camera,
+                          "rename the camera")
     return codes
 
 

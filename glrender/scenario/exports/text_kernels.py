@@ -59,8 +59,9 @@ class Codes:
         return self.spacecraft * 1000 - _FIRST_BODY_FRAME - list(self.flight.radii_m).index(name)
 
     def frame_name(self, name: str) -> str:
-        """Name of the same frame."""
-        return f"{in_capitals(name)}_{'BODY' if name == self.flight.spacecraft else 'FIXED'}"
+        """Name of the same frame; SPICE has an EARTH_FIXED of its own, which no kernel replaces."""
+        is_fixed = name != self.flight.spacecraft and in_capitals(name) != "EARTH"
+        return f"{in_capitals(name)}_{'FIXED' if is_fixed else 'BODY'}"
 
     @property
     def clock_start_s(self) -> int:
@@ -74,7 +75,8 @@ def fk(codes: Codes) -> str:
     Source: NAIF, Frames Required Reading: a TK frame's MATRIX takes components in the frame to those of RELATIVE and
     is written by columns, which are the rows of `camera_from_spacecraft`.
     """
-    flight, entries = codes.flight, {}
+    flight = codes.flight
+    entries: dict[str, Any] = {}
     names = {flight.spacecraft: codes.spacecraft, flight.camera.name: codes.camera,
              **{name: codes.body(name) for name in flight.radii_m}}
     for name, code in names.items():
