@@ -196,7 +196,7 @@ def take_frame(renderer: Any, state: State, camera: str | None = None, *, seed: 
     if options.get("derivatives"):
         check_still(pinhole, is_moving)
     margin_px, margin_text = margin_of(renderer, state, pinhole, is_moving)
-    drawing = Drawing(renderer, pinhole, margin_px, True, **options)
+    drawing = Drawing(renderer, pinhole, margin_px, True, exposure, **options)
     sensor = Sensor(scene, pinhole, margin_px)
     n_rows += 2 * margin_px
     planned = lambda exposure_s: (  # noqa: E731

@@ -150,10 +150,12 @@ def compare_frame(renderer: Any, state: State, camera: str | None = None, *, fra
     box = (0, 0, pinhole.width_px, pinhole.height_px) if roi is None else checked_region(roi, pinhole)
     frame = checked_frame(frame_DN, (box[3] - box[1], box[2] - box[0]))
     margin_px, _ = margin_of(renderer, state, pinhole, is_moving=False)
-    still = Drawing(renderer, pinhole, margin_px, True, derivatives=derivatives, **options).still(state)
+    drawing = Drawing(renderer, pinhole, margin_px, True, exposure, derivatives=derivatives, **options)
+    still = drawing.still(state)
     predicted = _Predicted(pinhole, margin_px, box, still.irradiance_W_m2, exposure)
     changes, names, units = predicted.changes_DN(still.jacobian, derivatives)
-    seen_DN = ideal_DN(model.detector, np.minimum(frame, model.detector.max_DN)) - predicted.level_DN
+    # Numbers beyond the camera's are of no light.
+    seen_DN = np.where(frame > model.detector.max_DN, np.inf, ideal_DN(model.detector, frame)) - predicted.level_DN
     fit = _Fit.of(seen_DN, predicted, unknown, blur_px, is_robust)
     rows = [*(fit.gain * fit.blurred(each) for each in changes), *fit.looks]
     columns = np.array([(each * fit.root_weights).ravel() for each in rows]).reshape(len(rows), frame.size)
@@ -265,9 +267,10 @@ class _Fit:
     @classmethod
     def of(cls, seen_DN: np.ndarray, predicted: _Predicted, unknown: Sequence[str], blur_px: float,
            is_robust: bool) -> _Fit:
-        """Of a frame (h, w) above the dark level."""
+        """Of a frame (h, w) above the dark level, infinite where it is lost."""
         light = predicted.light_DN
-        gain, offset = _ratio(seen_DN, light) if "gain" in unknown else 1.0, 0.0
+        is_read = np.isfinite(seen_DN)
+        gain, offset = _ratio(seen_DN[is_read], light[is_read]) if "gain" in unknown else 1.0, 0.0
         counts = ~predicted.are_full(gain, seen_DN)
         seen, image, even = (_blurred(each, counts, blur_px) for each in (seen_DN, light, np.ones_like(light)))
         looks = {"gain": image, "offset": even}
@@ -296,7 +299,9 @@ def _blurred(image: np.ndarray, counts: np.ndarray, blur_px: float) -> np.ndarra
 
 
 def _ratio(seen_DN: np.ndarray, light_DN: np.ndarray) -> float:
-    """The frame's light above its median over the predicted: roughly the gain, wherever the body is."""
+    """The light (N,) above its median over the predicted, of pixels that were read: roughly the gain."""
+    if not seen_DN.size:
+        return 1.0
     total, above = float(light_DN.sum()), float((seen_DN - np.median(seen_DN)).sum())
     return above / total if total > 0.0 and above > 0.0 else 1.0
 

@@ -22,7 +22,7 @@ from ..planner.account import in_pixels, restated
 from ..planner.plan import RenderPlan
 from ..planner.request import ImageUse
 from ..scene.scene import Scene
-from ..scene.tolerance import LEAST_DEADLINE_S, by_unit, checked_deadline, checked_max_error
+from ..scene.tolerance import LEAST_DEADLINE_S, SIGMAS, by_unit, checked_deadline, checked_max_error
 from ..view.regions import union
 from ..view.state import State
 from ..view.view import view_bodies
@@ -78,6 +78,8 @@ class Drawing:
     margin_px : int [px]
     is_for_detector : bool
         Whether the tolerance holds after the point spread function, and the Sun is drawn.
+    exposure_s : float [s] or "auto", optional
+        The frame's, whose noise a tolerance in deviations is of; the camera's by default.
     roi : (x0, y0, x1, y1) int [px], optional
         The part of the image that is asked for: where no image is moved by a lens no more is drawn, and the rest is
         dark, without a body.
@@ -94,7 +96,8 @@ class Drawing:
         An option that the renderer does not have.
     """
 
-    def __init__(self, renderer: Any, camera: PinholeCamera, margin_px: int, is_for_detector: bool, *,
+    def __init__(self, renderer: Any, camera: PinholeCamera, margin_px: int, is_for_detector: bool,
+                 exposure_s: float | str | None = None, /, *,
                  roi: tuple[int, int, int, int] | None = None, max_error: float | Mapping[str, float] | None = None,
                  samples: int | None = None,
                  on_progress: Callable[[float], None] | None = None, **options: Any):
@@ -117,6 +120,8 @@ class Drawing:
         self._options = {name: value for name, value in options.items() if name in taken}
         self._tells = on_progress is not None and "on_progress" in taken
         self._tolerance = renderer.scene.max_error if max_error is None else checked_max_error(max_error)
+        if exposure_s is not None and SIGMAS in by_unit(self._tolerance) and self.source.model is not None:
+            self.source = replace(self.source, model=replace(self.source.model, exposure_s=exposure_s))
         # What the frame keeps of the drawn image's errors, but for the flux's: for the renderer to know, where it can.
         # Cells' errors are independent: their mean has 1 / n of each.
         n = self._n = 1 if self.lens is None else self.lens.oversampling

@@ -208,3 +208,13 @@ def test_a_state_that_moves_is_refused(renderer):
                                             v_inertial_m_s=[1.0, 0.0, 0.0]))
     with pytest.raises(ConfigError, match="stands still"):
         compare_frame(renderer, moving, frame_DN=np.zeros((40, 40), np.uint16))
+
+
+@pytest.mark.parametrize("share", [0.1, 0.3])
+def test_lost_pixels_are_no_light(renderer, share):
+    """Pixels that are masked, or beyond the camera's numbers, leave all others in the fit."""
+    frame = np.rint(mean_frame(renderer, STATE, factor=0.9)).astype(np.uint16)
+    is_lost = np.random.default_rng(2).random(frame.shape) < share
+    for given in (np.ma.array(frame, mask=is_lost), np.where(is_lost, np.uint16(65535), frame)):
+        fit = compare_frame(renderer, STATE, frame_DN=given)
+        assert fit.n_pixels == np.count_nonzero(~is_lost) and fit.gain == pytest.approx(0.9, rel=2e-3)

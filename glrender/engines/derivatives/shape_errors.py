@@ -73,13 +73,13 @@ def _correlated(of_heights: np.ndarray, r_m: np.ndarray, length_m: float) -> np.
     order = np.argsort(cells[:, 0], kind="stable")
     count = np.bincount(of_cell.ravel())
     place, sums = ([np.bincount(of_cell.ravel(), each)[order] for each in rows] for rows in (r_m.T, of_heights))
-    place, sums = np.stack(place, axis=1) / count[order, None], np.stack(sums)
+    place, sums = np.stack(place, axis=1) / count[order, None] / length_m, np.stack(sums)
     reach = cells[order, 0]
     total = np.zeros((len(sums), len(sums)))
     for first in range(0, len(place), _AT_ONCE):
         part = slice(first, min(first + _AT_ONCE, len(place)))
         begin = np.searchsorted(reach, reach[part.start] - _REACH / _CELL)
         end = np.searchsorted(reach, reach[part.stop - 1] + _REACH / _CELL, side="right")
-        alike = np.exp(cdist(place[part], place[begin:end], "sqeuclidean") / (-2.0 * length_m**2))
+        alike = np.exp(-0.5 * cdist(place[part], place[begin:end], "sqeuclidean"))
         total += np.einsum("ip,jp->ij", sums[:, part], np.einsum("pq,jq->jp", alike, sums[:, begin:end]))
     return total

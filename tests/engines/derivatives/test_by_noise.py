@@ -56,6 +56,16 @@ def test_frames_of_a_scene_that_asks_so():
     assert gradient.irradiance_W_m2.any() and frame.plan.predicted_error <= frame.plan.max_error
 
 
+def test_the_noise_is_of_the_frames_own_exposure():
+    """As if it were the camera's: shorter by 300, with more noise, and with fewer errors that count."""
+    errors = []
+    for own_s, asked_s in ((3e-3, None), (1e-5, 3e-3), (1e-5, None)):
+        model = replace(MODEL, exposure_s=own_s)
+        with Renderer(replace(scene(replace(CAMERA, model=model)), max_error={"sigmas": 1.0})) as renderer:
+            errors.append(take_frame(renderer, STATE, exposure_s=asked_s).plan.max_error)
+    assert errors[1] == errors[0] < 0.7 * errors[2], errors
+
+
 def refused(message, given, backend=Renderer, **options):
     with backend(given) as renderer, pytest.raises(ConfigError, match=message):
         renderer.render(STATE, max_error={"sigmas": 1.0}, **options)

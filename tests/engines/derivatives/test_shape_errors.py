@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from dataclasses import replace
 from functools import cache
 
@@ -91,5 +92,7 @@ def test_a_closed_renderer_is_said():
         image = renderer.render(STATE, derivatives=["spacecraft"])
     with pytest.raises(DeviceError, match="closed"):
         image.information(shape_sigma=(1.0, 10.0))
+    sent = pickle.loads(pickle.dumps(image))
+    assert sent.gradient is None and sent.information(components=PLACE).sigmas == found(None).sigmas
     with pytest.raises(ConfigError, match="shape_sigma"):
         replace(image, gradient=None).information(shape_sigma=(1.0, 10.0))
