@@ -93,6 +93,21 @@ def test_attitude_and_place_of_a_camera_on_an_arm(world, near):
     assert error @ np.linalg.solve(found.pose_covariance, error) < 25.0
 
 
+def test_masked_pixels_do_not_count(world, near):
+    """Columns of the body, and others, that the sensor lost."""
+    _, camera, body, side, _ = near
+    true, believed = next(iter(world.views(N_VIEWS)))
+    frame = side.render(true, output="dn", exposure_s="auto", seed=2, derivatives=["sun"]).pixels
+    frame = np.ma.array(frame, mask=np.zeros(frame.shape, bool))
+    frame.mask[:, 20:60], frame.mask[:, 78:82] = True, True
+    frame.data[:, 78:82] = 0
+    estimator = AllPixels(camera, body)
+    found = estimator.measure(frame, believed, side.render)
+    assert found is not None, estimator.reason
+    error, covariance = errors(found, true, camera)
+    assert error @ np.linalg.solve(covariance, error) < 16.0 and found.doubt == ""
+
+
 def test_a_wrong_match_says_so_and_a_right_one_does_not(world, near):
     """The body is believed to be turned by 20 degrees, which no place explains."""
     _, camera, body, side, _ = near

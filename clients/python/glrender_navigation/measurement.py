@@ -184,7 +184,7 @@ class Estimator:
             raise NotFound(f"every pixel of the frame is {top:g}: it is dark, saturated or lost")
         if frame.dtype.kind in "ui":
             # Share of the lit pixels that are within read noise of the top.
-            height = (frame[::2, ::2] - float(sky)) / (float(top) - float(sky))
+            height = np.ma.filled((frame[::2, ::2] - float(sky)) / (float(top) - float(sky)), 0.0)
             share = np.count_nonzero(height > _SATURATED) / max(np.count_nonzero(height > _LIT), 1)
             if share > _MOST_SATURATED and float(top) - float(sky) > _LEAST_RANGE_DN:
                 raise NotFound(f"{share:.0%} of the lit pixels are saturated: expose it shorter")
