@@ -16,6 +16,8 @@ from ..base.errors import ConfigError
 EPOCH_SUFFIXES = ("_tdb", "_utc", "_et_s")
 """Endings that give the time scale of a field: `date_tdb`, `date_utc`, or `date_et_s`, TDB seconds past J2000."""
 
+DATE_STEP_S = 1e-6
+"""Step of dates as texts [s]: a file's last date may be earlier than the time it was written of by as much."""
 _J2000 = datetime(2000, 1, 1, 12)
 _TEXT = re.compile(r"(\d{4})-(\d\d)-(\d\d)(?:[T ](\d\d):(\d\d)(?::(\d\d)(\.\d{1,15})?)?)?(Z?)")
 _TT_FROM_TAI_S = 32.184

@@ -341,6 +341,18 @@ def test_every_type_of_aem_is_the_tumble_it_was_written_of(tmp_path, version, ki
         assert max(off) < 9.0
 
 
+def test_a_last_date_that_was_rounded_down_is_no_end_before_the_last_frame(tmp_path):
+    """Dates of files have microseconds: 0.9 us after the last row is its time, 2 us are not."""
+    track = trajectory_of_oem(oem(tmp_path), "rock")
+    turned = attitude_of_aem(aem(tmp_path, "quaternion", [[0, 0, 0, 1], [0, 0, 0.1, 0.995]],
+                                 more="QUATERNION_TYPE = LAST\n"))
+    np.testing.assert_array_equal(track.at(START, np.array([3000.0]))[0], track.at(START, np.array([3000.0 + 9e-7]))[0])
+    np.testing.assert_array_equal(at(turned, [60.0])[0], at(turned, [60.0 + 9e-7])[0])
+    for there in (lambda: track.at(START, np.array([3000.0 + 2e-6])), lambda: at(turned, [60.0 + 2e-6])):
+        with pytest.raises(ConfigError, match="must be within the table"):
+            there()
+
+
 def test_whole_turns_between_rows_count(tmp_path):
     """A spin of 4.2 turns a row by its rates; the short way back would be 0.2 turns."""
     rows = [(0.0, 0.0, np.sin(np.pi * 4.2 * k), np.cos(np.pi * 4.2 * k), 0.0, 0.0, 4.2 * 6.0) for k in range(4)]

@@ -204,7 +204,7 @@ def frame_fields(camera: str | None = None, *, output: str = "irradiance", expos
 def _packed(frame: np.ndarray) -> dict[str, Any]:
     """A frame as `compare` has it: full, which does not count, where it is masked."""
     if isinstance(frame, np.ma.MaskedArray):
-        # Of more than the camera's bits.
+        # Its value is above the camera's bits.
         dtype = np.dtype(np.uint16) if frame.dtype == np.uint8 else frame.dtype
         frame = np.ma.filled(frame.astype(dtype), np.iinfo(dtype).max if dtype.kind in "ui" else _FULL_DN)
     frame = np.asarray(frame)

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from ...base.errors import ConfigError
 from ..attitude import Attitude, Geometry
-from ..epochs import Epoch, needed
+from ..epochs import DATE_STEP_S, Epoch, needed
 
 # Rates that miss the next row by more are of another unit or frame.
 _MAX_MISS_DEG = 90.0
@@ -109,8 +109,7 @@ class AttitudeSegments:
         start, t_s = needed(geometry.start), geometry.t_s
         q, rates, left = np.empty((len(t_s), 4)), np.empty((len(t_s), 3)), np.ones(len(t_s), bool)
         for part, (first, last) in zip(self.parts, self.useable, strict=True):
-            # A nanosecond beyond is round-off.
-            here = left & (t_s >= first - start - 1e-9) & (t_s <= last - start + 1e-9)
+            here = left & (t_s >= first - start - DATE_STEP_S) & (t_s <= last - start + DATE_STEP_S)
             within = Geometry(start=start, t_s=t_s[here], r_m={}, v_m_s={})
             q[here], rates[here] = part.at(within, owner)
             left &= ~here

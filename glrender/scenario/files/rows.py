@@ -8,7 +8,7 @@ import numpy as np
 
 from ...base.errors import ConfigError
 from ..checks import numbers
-from ..epochs import Epoch, needed
+from ..epochs import DATE_STEP_S, Epoch, needed
 from .steps import runs
 
 # Spans of time in a sentence, at most.
@@ -70,9 +70,9 @@ def steps_of(times_s: np.ndarray, t: np.ndarray) -> np.ndarray:
 
 
 def beyond(table: Table, t: np.ndarray) -> np.ndarray:
-    """Whether times (N,) [s] from the table's epoch are not in its span. A nanosecond beyond its ends is round-off."""
+    """Whether times (N,) [s] from the table's epoch are not in its span, to the microsecond of dates."""
     first, last = table.span_s
-    return (t < first - 1e-9) | (t > last + 1e-9)
+    return (t < first - DATE_STEP_S) | (t > last + DATE_STEP_S)
 
 
 def covered_times(table: Table, start: Epoch | None, t_s: np.ndarray) -> np.ndarray:
