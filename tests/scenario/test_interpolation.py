@@ -267,13 +267,13 @@ def test_segments_count_within_their_useable_times(tmp_path):
     assert path.notes_at(START, t) == []
 
 
-def test_a_nanosecond_beyond_segments_is_round_off(tmp_path):
-    """As it is beyond a table: both ends, and between segments that follow each other; ten are refused."""
+def test_the_microsecond_of_dates_beyond_segments_is_round_off(tmp_path):
+    """As it is beyond a table: both ends, and between segments that follow each other; two are refused."""
     path = written(tmp_path / "a.oem", segment(0, 3600, line(5e-4)), segment(3600, 7200, line(5e-4)))
-    t = np.array([-5e-10, 3600.0 - 5e-10, 3600.0 + 5e-10, 7200.0 + 5e-10])
+    t = np.array([-9e-7, 3600.0 - 9e-7, 3600.0 + 9e-7, 7200.0 + 9e-7])
     np.testing.assert_allclose(path.at(START, t)[0][:, 0], 5e3 + 0.5 * (t - 3600.0), atol=1e-6)
     assert path.notes_at(START, t) == []
-    for far in (-1e-8, 7200.0 + 1e-8):
+    for far in (-2e-6, 7200.0 + 2e-6):
         with pytest.raises(ConfigError, match="must be in a segment of the table"):
             path.at(START, np.array([far]))
 

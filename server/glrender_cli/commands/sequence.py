@@ -134,7 +134,7 @@ def _exports(arguments: argparse.Namespace, scene: Scene, states: list[State], c
     ids = {}
     for word in arguments.ids or ():
         name, mark, number = word.rpartition("=")
-        if not mark or not number.lstrip("-").isdecimal():
+        if not mark or not number.removeprefix("-").isdecimal():
             raise ConfigError("--ids", "must be NAME=NUMBER", word)
         if name in ids:
             raise ConfigError("--ids", f"must name {name!r} once", word, "leave one out")
