@@ -338,7 +338,7 @@ class IrradiancePass:
         if is_eclipsed:
             # More pixels are lit than the first samples showed.
             count = eclipse_samples.counts(refinement, window.samples)
-            reached = frame_error(mean, error * (window.samples / count) ** (0.5 * power))
+            reached = frame_error(mean, error * (window.samples / count) ** np.where(is_aligned, 1.0, 0.5 * power))
             told = {"flux_error": eclipse_samples.flux_error(mean, variance, count)}
         return mean, replace(window, drawn={"samples": reached, "edges of shadow maps": edges}, **told,
                              refined_samples=refinement.samples, refined_share=refinement.share)

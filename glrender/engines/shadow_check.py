@@ -60,7 +60,7 @@ class ShadowCheck:
         are_other, difference = (each.reshape(-1, n**2) for each in self._differences(
             *places_in(row[other], column[other], n), drawn))
         # A pixel is found the more rarely, the fewer of its samples differ.
-        self._weight.append(n**2 / are_other.sum(axis=1))
+        self._weight.append(n**2 / np.maximum(are_other.sum(axis=1), 1))
         self._difference.append(difference.mean(axis=1))
         self._light += float(light.sum() - self._weight[-1] @ self._difference[-1])
         is_new = (light[other] == 0.0) & difference.any(axis=1)

@@ -266,7 +266,7 @@ def _coverage(part: _Part) -> list[WindowPlan]:
     modelled = {UNEVEN: max(_unevenness(body, request.camera, has_planes, cell_px) for body in bodies)}
     # Light falls in slivers far smaller than facets: what none of their corners sees is lost.
     below_rad = min((math.pi - body.view.phase_rad for body in bodies if not body.traits.is_convex), default=math.inf)
-    of_flux = {SLIVERS: _CRESCENT_LOSS / max(below_rad, 1e-3) ** 3}
+    of_flux = {SLIVERS: _CRESCENT_LOSS / max(below_rad**3, _CRESCENT_LOSS)}
     clipped = part.window("coverage", budget, modelled, modelled_flux=of_flux, flux_error=part.hard_flux,
                           has_planes=has_planes, **where)
     half_rad = min(0.5 * group.phase_rad, 1.5)
