@@ -172,7 +172,7 @@ def test_a_plan_is_ten_lines_that_tell_the_engine_and_why(renderer):
     ({"flux": 1e-9}, "max_error.flux: must be at least 6e-08: float32 pixels hold no less, got 1e-09"),
     ({"rms": 2.0}, "max_error.rms: must be > 0 and <= 1, got 2.0; 2 % is 0.02"),
     ({"centroid_px": True}, "max_error.centroid_px: must be a finite number"),
-    ({}, "max_error: must name one of rms, flux, centroid_px, limb_px, range, or be a number"),
+    ({}, "max_error: must name one of rms, flux, centroid_px, limb_px, range, sigmas, or be a number"),
     (0.5 * LEAST, "max_error: must be at least 6e-08"),
     ([0.1], "max_error: must be a finite number"),
 ])
