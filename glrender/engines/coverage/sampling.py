@@ -47,7 +47,9 @@ class SampledAreas:
                     view.r_camera_body_m, xy_px, facets.corners, cells.bounds_px)
                 made = FacetRadiance(facets, view, lit, cosines)
             radiance = np.zeros(facets.n_facets)
-            radiance[lit] = made.of(lit)
+            is_smooth = facets.surface.body.smooth_normals and facets.n_facets < FEWEST_CENTROIDS
+            radiance[lit] = made.of(lit) if not is_smooth else rays.mean_radiance(
+                facets.number.take(lit), view.sun_direction_body, view, cells.camera) / solar_W_m2
             self._drawn.append((facets, view, xy_px, radiance))
 
     def missed(self, count: int) -> np.ndarray:

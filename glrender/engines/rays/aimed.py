@@ -227,7 +227,11 @@ class _FacingFacets:
             to_camera = view.r_camera_body_m[:, None] - middle_m
             range_m = np.sqrt(dot(to_camera, to_camera))
             to_camera /= range_m
-            found[part] = self._engine.radiance(facet, middle_m, normal, to_camera, to_sun, range_m, view, self._camera)
+            if self._solid.surface.body.smooth_normals:
+                found[part] = self._engine.mean_radiance(facet, to_sun, view, self._camera)
+            else:
+                found[part] = self._engine.radiance(facet, middle_m, normal, to_camera, to_sun, range_m, view,
+                                                    self._camera)
             solid_angle_sr[part] = np.maximum(dot(normal, to_camera), 0.0) * self._area_m2[part] / range_m**2
 
         threads.run_in_parts(shade, len(found), _FACETS_AT_ONCE)

@@ -301,6 +301,20 @@ class RayEngine:
         solar = self.scene.solar_irradiance_of(camera) / view.sun_distance_au**2
         return solar * self._reflected(facet, r_body_m, normal, to_camera, to_sun, range_m, view, camera)
 
+    def mean_radiance(self, facet: np.ndarray, to_sun: np.ndarray, view: BodyView, camera: PinholeCamera) -> np.ndarray:
+        """Radiance (N,) [W/m2/sr] of facets (N,) in sunlight, the mean of three points of each.
+
+        The Sun is towards (3,) or (3, N). Its middle may be dark where smooth normals light its corners.
+        """
+        mesh, found = self._solids[view.name], np.zeros(len(facet))
+        corner_m, normal = mesh.vertices_m[mesh.facets[facet]], mesh.normals[facet].T
+        for weights in (np.ones((3, 3)) + 3.0 * np.eye(3)) / 6.0:
+            r_body_m = np.einsum("k,nki->in", weights, corner_m)
+            to_camera = view.r_camera_body_m[:, None] - r_body_m
+            range_m = np.sqrt(dot(to_camera, to_camera))
+            found += self.radiance(facet, r_body_m, normal, to_camera / range_m, to_sun, range_m, view, camera)
+        return found / 3.0
+
     def _reflected(self, facet: np.ndarray, r_body_m: np.ndarray, normal: np.ndarray, to_camera: np.ndarray,
                    to_light: np.ndarray, range_m: np.ndarray, view: BodyView, camera: PinholeCamera) -> np.ndarray:
         """Radiance (N,) [1/sr] as of `radiance`, for 1 W/m2 across the light."""

@@ -9,7 +9,7 @@ import pytest
 import solids
 import views
 from facet_images import facet_image
-from glrender import Body, Renderer
+from glrender import Body, Renderer, frames
 from glrender.base.constants import AU_M
 from glrender.brdf import Lambert
 from glrender.engines.coverage.facet_tables import FacetTables
@@ -111,6 +111,47 @@ def test_a_bar_that_all_samples_pass_by_is_no_dark_image_without_an_error(engine
     error = views.relative_rms(image.irradiance_W_m2.astype(float), LIGHT * area)
     assert error > 0.5 and image.plan.predicted_error > 0.5
     assert any("exceeds max_error" in str(each) for each in image.warnings)
+
+
+def smooth_image(shape, state, camera, law, n_points=100_000):
+    """Irradiance (rows, columns) [W/m2] of a convex body with smooth normals: a sum over points of its facets."""
+    at = np.outer([0.7548776662466927, 0.5698402909980532], np.arange(n_points)) % 1.0
+    u, v = np.where(at.sum(axis=0) > 1.0, 1.0 - at, at)
+    weights = np.stack([1.0 - u - v, u, v])
+    r_camera, sun = state.spacecraft.r_inertial_m, state.r_sun_inertial_m / np.linalg.norm(state.r_sun_inertial_m)
+    solar = views.SOLAR_IRRADIANCE_W_M2 / (np.linalg.norm(state.r_sun_inertial_m) / AU_M) ** 2
+    image = np.zeros((camera.height_px, camera.width_px))
+    for facet, flat, area_m2 in zip(shape.facets, shape.facet_normals, shape.facet_areas_m2, strict=True):
+        point = weights.T @ shape.vertices_m[facet]
+        normal = weights.T @ shape.vertex_normals[facet]
+        normal /= np.linalg.norm(normal, axis=1)[:, None]
+        to_camera = r_camera - point
+        range_m = np.linalg.norm(to_camera, axis=1)
+        to_camera /= range_m[:, None]
+        # A normal that turns away from the camera is turned back, to a thousandth.
+        normal += np.maximum(1e-3 - (normal * to_camera).sum(axis=1), 0.0)[:, None] * to_camera
+        normal /= np.linalg.norm(normal, axis=1)[:, None]
+        if flat @ sun > 0.0:
+            light = solar * law.brdf(sun, to_camera, normal) * np.maximum(normal @ sun, 0.0) * np.maximum(
+                to_camera @ flat, 0.0) * area_m2 / len(point) / range_m**2
+            column, row = np.rint(camera.project(
+                (point - r_camera) @ frames.dcm(state.spacecraft.q_from_inertial).T)).astype(int).T
+            np.add.at(image, (row, column), light)
+    return image
+
+
+@pytest.mark.parametrize("max_error", [0.05, 0.005])
+@pytest.mark.parametrize("phase_deg", [30.0, 140.0])
+def test_a_smooth_needle_of_few_pixels_keeps_its_light(phase_deg, max_error):
+    """The middles of its facets are dark at 140 deg, where its corners are not."""
+    camera, law = views.camera(8, 400.0), Lambert(normal_albedo=0.3)
+    needle = solids.several(((-100.0, -0.3, -0.3), (100.0, 0.3, 0.3)))
+    state = views.state(phase_deg=phase_deg, range_m=20e3)
+    truth = smooth_image(needle, state, camera, law)
+    with Renderer(views.scene([Body(name="body", shape=needle, brdf=law, smooth_normals=True)], [camera])) as renderer:
+        image = renderer.render(state, max_error=max_error)
+    predicted = image.plan.predicted_error
+    assert views.relative_rms(image.irradiance_W_m2, truth) <= predicted + 1e-3 and predicted <= max_error
 
 
 @pytest.mark.parametrize("max_error", [0.05, 0.005])
