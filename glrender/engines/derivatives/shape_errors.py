@@ -70,11 +70,9 @@ def _correlated(of_heights: np.ndarray, r_m: np.ndarray, length_m: float) -> np.
         return np.zeros((len(of_heights), len(of_heights)))
     r_m, of_heights = r_m[used], of_heights[:, used]
     cells, of_cell = np.unique(np.floor(r_m / (_CELL * length_m)), axis=0, return_inverse=True)
-    order = np.argsort(cells[:, 0], kind="stable")
-    count = np.bincount(of_cell.ravel())
-    place, sums = ([np.bincount(of_cell.ravel(), each)[order] for each in rows] for rows in (r_m.T, of_heights))
-    place, sums = np.stack(place, axis=1) / count[order, None] / length_m, np.stack(sums)
-    reach = cells[order, 0]
+    count, reach = np.bincount(of_cell.ravel()), cells[:, 0]
+    place, sums = ([np.bincount(of_cell.ravel(), each) for each in rows] for rows in (r_m.T, of_heights))
+    place, sums = np.stack(place, axis=1) / count[:, None] / length_m, np.stack(sums)
     total = np.zeros((len(sums), len(sums)))
     for first in range(0, len(place), _AT_ONCE):
         part = slice(first, min(first + _AT_ONCE, len(place)))

@@ -304,7 +304,7 @@ class RayEngine:
     def mean_radiance(self, facet: np.ndarray, to_sun: np.ndarray, view: BodyView, camera: PinholeCamera) -> np.ndarray:
         """Radiance (N,) [W/m2/sr] of facets (N,) in sunlight, the mean of three points of each.
 
-        The Sun is towards (3,) or (3, N). Its middle may be dark where smooth normals light its corners.
+        The Sun is towards (3,) or (3, N). One point does not do: smooth normals may leave a facet's middle dark.
         """
         mesh, found = self._solids[view.name], np.zeros(len(facet))
         corner_m, normal = mesh.vertices_m[mesh.facets[facet]], mesh.normals[facet].T

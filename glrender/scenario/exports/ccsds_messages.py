@@ -6,9 +6,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from .flight import Flight, in_capitals
-
-_KM_PER_M = 1e-3
+from .flight import KM_PER_M, Flight, in_capitals
 
 
 def oem(flight: Flight) -> str:
@@ -24,7 +22,7 @@ def oem(flight: Flight) -> str:
     for name, (r, v) in rows.items():
         lines += _segment(flight, {
             "OBJECT_NAME": in_capitals(name), "OBJECT_ID": in_capitals(name),
-            "CENTER_NAME": in_capitals(flight.about), "REF_FRAME": "ICRF"}, {}, np.hstack([r, v]) * _KM_PER_M)
+            "CENTER_NAME": in_capitals(flight.about), "REF_FRAME": "ICRF"}, {}, np.hstack([r, v]) * KM_PER_M)
     return "\n".join(lines) + "\n"
 
 

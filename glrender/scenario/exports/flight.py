@@ -17,6 +17,7 @@ from ...base.errors import ConfigError
 from ...view.state import Pose, State
 from ..epochs import Epoch
 
+KM_PER_M = 1e-3
 # SPICE's names of frames have 26 characters at most, which leaves as many for bodies with "_FIXED" behind them.
 _MOST_LETTERS = 20
 _MOST_ID = 2**31 - 1

@@ -10,10 +10,9 @@ from scipy.spatial.transform import Rotation
 
 from ...base.errors import ConfigError
 from ...base.rotations import dcm
-from .flight import Flight
+from .flight import KM_PER_M, Flight
 from .text_kernels import PIXEL_MM, Codes
 
-_KM_PER_M = 1e-3
 _J2000 = 1
 
 
@@ -33,7 +32,7 @@ def isds(flight: Flight) -> list[str]:
         raise ConfigError(f"cameras.{camera.name}.distortion", "must be absent for isd, whose lenses go the other way",
                           camera.distortion.text, "leave isd or the distortion out")
     centre = [place + 0.5 for place in camera.principal_point_px]
-    radius_km = flight.radii_m[flight.about] * _KM_PER_M
+    radius_km = flight.radii_m[flight.about] * KM_PER_M
     common = {
         "name_model": "USGS_ASTRO_FRAME_SENSOR_MODEL", "name_platform": flight.spacecraft, "name_sensor": camera.name,
         "image_samples": camera.width_px, "image_lines": camera.height_px,
@@ -57,8 +56,8 @@ def isds(flight: Flight) -> list[str]:
 
 
 def _moved(et_s: float, r_m: np.ndarray, v_m_s: np.ndarray) -> dict[str, Any]:
-    return {**_times("spk", et_s), "positions": [(r_m * _KM_PER_M).tolist()],
-            "velocities": [(v_m_s * _KM_PER_M).tolist()], "unit": "km"}
+    return {**_times("spk", et_s), "positions": [(r_m * KM_PER_M).tolist()],
+            "velocities": [(v_m_s * KM_PER_M).tolist()], "unit": "km"}
 
 
 def _turned(flight: Flight, codes: Codes, et_s: float, index: int, name: str) -> dict[str, Any]:

@@ -12,10 +12,9 @@ from scipy.spatial.transform import Rotation
 
 from ...base.errors import ConfigError
 from ..spice.kernels import spiceypy_of
-from .flight import Flight, in_capitals
+from .flight import KM_PER_M, Flight, in_capitals
 from .text_kernels import TICKS_PER_S, Codes
 
-_KM_PER_M = 1e-3
 _SUN, _BARYCENTRE = 10, 0
 # NAIF, Frames Required Reading: frames built into SPICE have positive numbers below those left to users.
 _FIRST_USERS_FRAME = 1_400_000
@@ -75,7 +74,7 @@ def spk(flight: Flight) -> bytes:
         handle = tool.spkopn(path, "GLRENDER", 0)
         for name, code, about, (r, v) in tracks:
             tool.spkw13(handle, code, about, "J2000", et_s[0], et_s[-1], in_capitals(name), _DEGREE, len(et_s),
-                        np.hstack([r, v]) * _KM_PER_M, et_s)
+                        np.hstack([r, v]) * KM_PER_M, et_s)
         tool.spkcls(handle)
 
     return _written(write)

@@ -6,6 +6,8 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from .facet_geometry import counted
+
 
 class Edges:
     """Edges of facets (F, 3), each passed by sides of facets, of which those of a facet follow each other.
@@ -37,8 +39,7 @@ class Edges:
     def sides(self, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Sides (N,) of edges that are chosen (E,), and the edges (N,)."""
         edge = np.repeat(np.flatnonzero(chosen), self.size[chosen])
-        place = np.arange(len(edge)) - np.repeat(np.cumsum(self.size[chosen]) - self.size[chosen], self.size[chosen])
-        return self.order[self.begin[edge] + place], edge
+        return self.order[self.begin[edge] + counted(self.size[chosen])], edge
 
     def pairs(self) -> tuple[np.ndarray, np.ndarray]:
         """The two sides (N,), (N,) of each edge that has two."""

@@ -74,3 +74,8 @@ def joined(meshes: Iterable[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray,
     vertices, facets = zip(*meshes, strict=True)
     begins = accumulate(map(len, vertices[:-1]), initial=0)
     return np.concatenate(vertices), np.concatenate([own + begin for own, begin in zip(facets, begins, strict=True)])
+
+
+def counted(counts: np.ndarray) -> np.ndarray:
+    """0, 1, ... of each of some counts (N,), one after the other."""
+    return np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)

@@ -6,6 +6,7 @@ import mapbox_earcut
 import numpy as np
 
 from .edges import Edges
+from .facet_geometry import counted
 
 # Share of a triangle [1] by which a point may lie outside and counts as in it.
 _ON = 1e-9
@@ -34,7 +35,7 @@ def located(points: np.ndarray, corners: np.ndarray) -> tuple[np.ndarray, np.nda
     cell = lambda place: np.clip((place - low) / step, 0, count - 1).astype(int)  # noqa: E731
     begin, size = cell(least[some]), cell(most[some]) - cell(least[some]) + 1
     number = np.repeat(np.arange(len(some)), size.prod(axis=1))
-    place = _places(size.prod(axis=1))
+    place = counted(size.prod(axis=1))
     key = (begin[number, 0] + place // size[number, 1]) * count + begin[number, 1] + place % size[number, 1]
     order = np.argsort(key, kind="stable")
     key, number = key[order], some[number[order]]
@@ -42,7 +43,7 @@ def located(points: np.ndarray, corners: np.ndarray) -> tuple[np.ndarray, np.nda
     begins = np.searchsorted(key, own)
     counts = np.searchsorted(key, own, side="right") - begins
     point = np.repeat(np.arange(len(points)), counts)
-    triangle = number[np.repeat(begins, counts) + _places(counts)]
+    triangle = number[np.repeat(begins, counts) + counted(counts)]
     a, b, c = np.moveaxis(corners[triangle], 1, 0)
     p = points[point]
     weights = np.stack([_cross(b - p, c - p), _cross(c - p, a - p), _cross(a - p, b - p)], axis=1)
@@ -76,6 +77,12 @@ def area(outline: np.ndarray) -> float:
     return 0.5 * float(_cross(side, np.roll(side, -1, axis=0)).sum())
 
 
+def areas(corners: np.ndarray) -> np.ndarray:
+    """Areas (T,) of triangles (T, 3, 2)."""
+    a, b, c = np.moveaxis(corners, 1, 0)
+    return 0.5 * np.abs(_cross(b - a, c - a))
+
+
 def _flipped(points: np.ndarray, made: np.ndarray) -> np.ndarray:
     """Delaunay's triangles within the outline of others (T, 3), by flips of their inner edges.
 
@@ -101,11 +108,6 @@ def _flipped(points: np.ndarray, made: np.ndarray) -> np.ndarray:
         p, q, r, s = (each[chosen[free]] for each in (p, q, r, s))
         made[one[free]], made[two[free]] = np.stack([p, s, r], axis=1), np.stack([s, q, r], axis=1)
     return made
-
-
-def _places(counts: np.ndarray) -> np.ndarray:
-    """0, 1, ... of each of some counts (N,), one after the other."""
-    return np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
 
 
 def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:

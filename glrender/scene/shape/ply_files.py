@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from ...base.errors import ShapeError
+from .facet_geometry import counted
 
 _TYPES = {"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4", "float": "f4",
           "double": "f8", "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4",
@@ -162,9 +163,8 @@ class _BinaryRows:
         for k, (name, kind, count) in enumerate(element.properties):
             if name == wanted and count:
                 sizes = self._gather(starts[:, k], count).astype(np.int64)
-                place = np.arange(sizes.sum()) - np.repeat(np.cumsum(sizes) - sizes, sizes)
                 first = np.repeat(starts[:, k] + np.dtype(count).itemsize, sizes)
-                return self._gather(first + place * np.dtype(kind).itemsize, kind).astype(np.int64), sizes
+                return self._gather(first + counted(sizes) * np.dtype(kind).itemsize, kind).astype(np.int64), sizes
         return None, None
 
 

@@ -18,7 +18,7 @@ from .edges import Edges, connected
 from .facet_geometry import area_vectors, joined, longest_sides, renumbered
 from .files import MAX_FACETS
 from .materials import FileMaterial
-from .planar import area, between, located
+from .planar import area, areas, between, located
 from .shape import Seam, Shape, checked
 
 _log = logging.getLogger(__name__)
@@ -182,7 +182,7 @@ class _Seat:
         rim, flat = self.rim + len(vertices), self._flat(all_m)
         strip = between(flat, outline, rim)
         asked_m2 = area(flat[outline]) - area(self.rim_m)
-        made_m2 = float(_areas(flat[strip]).sum())
+        made_m2 = float(areas(flat[strip]).sum())
         if not abs(made_m2 - asked_m2) <= _AREA_RTOL * area(flat[outline]):
             raise ShapeError("", "must have a rim that, seen along its mean normal, does not cross itself",
                              hint="cut it so that its rim is smooth")
@@ -214,12 +214,12 @@ class _Seat:
         if loops is None:
             raise ShapeError("shape", "must have a rim that passes no vertex twice",
                              hint="leave out facets that hang on by a corner")
-        areas = [area(self._flat(self.vertices_m[loop])) for loop in loops]
-        outer = [loop for loop, size in zip(loops, areas, strict=True) if size > 0.0]
+        sizes = [area(self._flat(self.vertices_m[loop])) for loop in loops]
+        outer = [loop for loop, size in zip(loops, sizes, strict=True) if size > 0.0]
         if len(outer) != 1:
             raise ShapeError("shape", "must be in one piece with one outer rim", len(outer),
                              "give each piece as a region")
-        return outer[0], [loop for loop, size in zip(loops, areas, strict=True) if size <= 0.0]
+        return outer[0], [loop for loop, size in zip(loops, sizes, strict=True) if size <= 0.0]
 
     def _gaps(self) -> np.ndarray:
         """Heights (N,) [m] of the rim's vertices over the mesh, along the mean normal."""
@@ -291,8 +291,8 @@ class _Seat:
             if not len(touching):
                 raise ShapeError("", "must lie within the body's surface, with ground around it",
                                  hint="leave the body's own shape out, or cut the region smaller")
-            areas = np.bincount(rest, size)[touching]
-            out |= np.isin(rest, np.delete(touching, np.argmax(areas)))
+            largest = np.argmax(np.bincount(rest, size)[touching])
+            out |= np.isin(rest, np.delete(touching, largest))
             # Facets that only a corner keeps apart would leave an outline that passes a vertex twice.
             edge = edges.of_sides()
             sides = np.flatnonzero(np.repeat(out, 3) & (np.bincount(edge[np.repeat(out, 3)], minlength=len(edges.size)
@@ -331,9 +331,3 @@ def _loops(start: np.ndarray, end: np.ndarray) -> list[np.ndarray] | None:
             place = after.pop(place)
         loops.append(np.array(loop))
     return loops
-
-
-def _areas(corners: np.ndarray) -> np.ndarray:
-    """Areas (T,) of triangles (T, 3, 2)."""
-    u, v = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    return 0.5 * np.abs(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])
