@@ -40,7 +40,7 @@ class CentroidHorizons:
     has_backs: bool = False
 
     @classmethod
-    def of(cls, middle_m: np.ndarray, normal: np.ndarray, solid: RayMesh) -> CentroidHorizons:
+    def of(cls, middle_m: np.ndarray, normal: np.ndarray, solid: RayMesh, is_kept: bool = True) -> CentroidHorizons:
         """Horizons of a shape: made once by some hundred rays a facet, and kept on disk; all unknown of a large one.
 
         Parameters
@@ -49,10 +49,12 @@ class CentroidHorizons:
         normal : (3, F) float64
         solid : RayMesh
             Of the same shape.
+        is_kept : bool
+            False for a shape that is one of many: all unknown, rays are cast from its centroids.
         """
         facets = np.concatenate([normal, middle_m]).T.astype(np.float32, order="C")
         n_facets = len(facets)
-        if n_facets > MOST_HORIZONS:
+        if n_facets > MOST_HORIZONS or not is_kept:
             return cls(facets=facets, heights=np.full((n_facets, N_AZIMUTHS), UNKNOWN, np.uint8))
         # In the order in which they are: that of a shape's own file is another one.
         heights = cached_bytes(f"middles6-{hashlib.sha256(facets.data).hexdigest()[:32]}", (n_facets, N_AZIMUTHS),

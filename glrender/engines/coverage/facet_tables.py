@@ -89,7 +89,7 @@ class FacetTables:
             for across in self.neighbours)
         self.horizons = None
         if self.n_facets >= FEWEST_CENTROIDS and body.brdf is not None:
-            self.horizons = CentroidHorizons.of(middle_m, self.normal, solid)
+            self.horizons = CentroidHorizons.of(middle_m, self.normal, solid, not shape.is_moved)
 
     def face(self, place_m: np.ndarray) -> np.ndarray:
         """Facets (F,) bool in front of whose planes a place (3,) [m] lies."""

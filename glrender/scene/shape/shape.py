@@ -149,6 +149,8 @@ class Shape:
         Of the file: none by default.
     centre_of_whole_m : (3,) float64 [m], optional
         Of a part: `centre_m` of the shape whose part it is.
+    is_moved : bool
+        Whether `with_vertices` made it: one of many, of which renderers prepare nothing that takes longer than frames.
     """
 
     vertices_m: np.ndarray
@@ -161,6 +163,7 @@ class Shape:
     material: np.ndarray | None = None
     materials: tuple[FileMaterial, ...] = ()
     centre_of_whole_m: np.ndarray | None = None
+    is_moved: bool = False
 
     def __repr__(self) -> str:
         size = " x ".join(f"{extent:.4g}" for extent in sorted(self.report.extent_m, reverse=True))
@@ -362,7 +365,7 @@ class Shape:
         volume, extent_m = _volume(vertices, self.facets), np.ptp(vertices, axis=0).tolist()
         vertices.setflags(write=False)
         report = replace(self.report, volume_m3=volume, extent_m=tuple(extent_m))
-        return replace(self, vertices_m=vertices, report=report)
+        return replace(self, vertices_m=vertices, report=report, is_moved=True)
 
     def to_file(self, path: str | Path) -> None:
         """Write an OBJ in metres, without texture coordinates; digits enough to read the same float64."""

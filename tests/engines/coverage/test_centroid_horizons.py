@@ -102,6 +102,15 @@ def test_tables_tell_of_nearly_all_of_a_rough_body():
     assert views.relative_rms(image, truth) < 0.01 and unknown < 1e-3
 
 
+def test_no_tables_are_made_of_a_shape_whose_vertices_move():
+    """They would take thirty frames' time; rays show what they do."""
+    shape = generate.icosphere(radius_m=100.0, subdivisions=5)
+    moved = Body(name="body", shape=shape.with_vertices(shape.vertices_m * [1.0, 0.8, 0.7]), brdf=GREY)
+    image, truth, unknown = images(moved, 60.0)
+    np.testing.assert_array_equal(image, truth)
+    assert unknown == 1.0
+
+
 def test_heights_are_the_same_wherever_a_search_begins():
     """Of a box on a plate: what rays say at each step, blocked up to a height and free above."""
     shape = solids.several(((-100, -100, -10), (100, 100, 0)), ((20, -30, -5), (60, 30, 35)))
