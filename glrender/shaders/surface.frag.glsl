@@ -18,7 +18,15 @@ void main()
     float albedo_scale = 1.0;
     vec3 normal = surface_normal(geometric_normal, to_camera);
     float cos_incidence = dot(geometric_normal, sun_direction_body);
-    float lit = cos_incidence > 0.0 ? sunlit(cos_incidence) : 0.0;
+    float above = cos_incidence > 0.0 ? 1.0 : 0.0;
+#if SMOOTH_NORMALS || HAS_RELIEF
+    // Normals lean away from the facet's: what of the Sun's disc is above the facet's plane lights it.
+    if (abs(cos_incidence) < sun_radius_rad) {
+        float height = cos_incidence / sun_radius_rad;
+        above = 0.5 + (asin(height) + height * sqrt(1.0 - height * height)) / PI;
+    }
+#endif
+    float lit = above > 0.0 ? above * sunlit(cos_incidence) : 0.0;
 #if HAS_ALBEDO_TEXTURE
     albedo_scale = texture(albedo_texture, uv).r;
 #endif

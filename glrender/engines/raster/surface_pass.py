@@ -120,5 +120,6 @@ class SurfacePass:
              "sun_direction_body": view.sun_direction_body, "boresight_body": view.camera_from_body[2],
              "irradiance_scale": solar_irradiance / camera.focal_length_px**2,
              "shadow_bias_per_texel": shadow.bias_per_texel,
+             "sun_radius_rad": view.sun_radius_rad if self._scene.sun_disc else 0.0,
              "body_id": prepared.index},
             shadow.shadow_map and shadow.shadow_map.texture, relief)

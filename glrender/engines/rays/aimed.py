@@ -235,7 +235,7 @@ class _FacingFacets:
             solid_angle_sr[part] = np.maximum(dot(normal, to_camera), 0.0) * self._area_m2[part] / range_m**2
 
         threads.run_in_parts(shade, len(found), _FACETS_AT_ONCE)
-        if self._solid.is_uneven:
+        if self._solid.is_uneven and len(found):
             # A facet that is dark in the middle may be bright elsewhere.
             found += _UNEVEN * found.mean()
         return found * solid_angle_sr

@@ -7,11 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import raytracer
+import solids
 import views
 from backends import WORKING, backend_or_skip
 from cells import slow_but
 from data_folders import ITOKAWA
-from glrender import Body, Pose, Renderer, frames, generate
+from glrender import Body, Pose, Renderer, Shape, frames, generate
+from glrender.base.constants import AU_M, SUN_RADIUS_M
 from glrender.brdf import Hapke, Lambert, LommelSeeliger, LunarLambert
 from phase_functions import mcewen, phi_lambert, phi_lommel_seeliger
 
@@ -284,6 +286,22 @@ def test_smooth_normals_leave_no_black_limb():
     with Renderer(views.scene([views.sphere(law, 2, smooth_normals=True)], [views.camera()])) as renderer:
         image = renderer.render(views.state(phase_deg=0.0), samples=1, products=["body_id"])
     assert (image.irradiance_W_m2[image.products["body_id"] == 0] > 0.0).all()
+
+
+@pytest.mark.parametrize("height", [-0.5, 0.0, 0.5])
+def test_a_smooth_face_is_lit_by_what_of_the_suns_disc_is_above_it(height):
+    """A cube's face whose plane cuts the Sun's disc, at a height in its radii: the segment's share of a point Sun's."""
+    body = Body(name="body", shape=Shape.from_arrays(*solids.box((-50.0,) * 3, (50.0,) * 3)),
+                brdf=Lambert(normal_albedo=0.3), smooth_normals=True)
+    cosine = height * SUN_RADIUS_M / AU_M
+    total = []
+    for sun_disc, phase_rad in ((True, np.arccos(cosine)), (False, np.arccos(abs(cosine) + 1e-5))):
+        state = views.state(phase_deg=np.degrees(phase_rad), direction=(0.0, 0.0, 1.0))
+        with Renderer(views.scene([body], [views.camera(96)], sun_disc=sun_disc)) as renderer:
+            total.append(renderer.render(state, samples=4, engine="raster").irradiance_W_m2.sum(dtype=float))
+    above = np.linspace(-1.0, height, 100001)
+    share = np.trapezoid(np.sqrt(1.0 - above**2), above) / (0.5 * np.pi)
+    np.testing.assert_allclose(total[0] / total[1], share, rtol=0.015)
 
 
 def test_an_albedo_texture_scales_the_albedo(shared):

@@ -28,6 +28,7 @@ SURFACE_BLOCK = UniformBlock("Surface", {
     "boresight_body": "vec3",
     "irradiance_scale": "float",
     "shadow_bias_per_texel": "float",
+    "sun_radius_rad": "float",
     "body_id": "int",
 })
 RELIEF_BLOCK = UniformBlock("Relief", {
