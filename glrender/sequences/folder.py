@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -70,12 +71,29 @@ def _differing(ours: Mapping[str, Any], theirs: Any) -> list[str]:
     return found
 
 
+@contextmanager
+def whole(path: Path) -> Iterator[Path]:
+    """A path to write a file to, which takes its place when the block ends.
+
+    A process that is killed meanwhile leaves no such file; one that fails, as where the disk is full, leaves none.
+
+    Raises
+    ------
+    OSError
+        With the file's name, which libraries leave out.
+    """
+    apart = path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}")
+    try:
+        yield apart
+        os.replace(apart, path)
+    except BaseException as error:
+        apart.unlink(missing_ok=True)
+        if isinstance(error, OSError):
+            raise OSError(error.errno, error.strerror or str(error), str(path)) from error
+        raise
+
+
 def write_whole(path: Path, content: bytes) -> None:
     """Write a file; a process that is killed meanwhile, or a disk that is full, leaves no such file."""
-    apart = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
+    with whole(path) as apart:
         apart.write_bytes(content)
-        os.replace(apart, path)
-    except OSError:
-        apart.unlink(missing_ok=True)
-        raise

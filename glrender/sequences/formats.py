@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import errno
 import json
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +16,7 @@ from glrender_camera.compression import CODECS
 from ..base.errors import ConfigError
 from ..base.names import PRODUCTS
 from .fits_cards import Cards, cards_of, sky_cards
-from .folder import write_whole
+from .folder import whole, write_whole
 
 # A step of the ranges in a file is at most this share of a pixel's footprint: half of float64 is noise to a compressor.
 _RANGE_STEP_PX = 0.1
@@ -62,9 +62,8 @@ def write(path: Path, frame: FrameFile) -> None:
         write_stream(path, frame)
         return
     checked_ending(ending, frame.unit)
-    apart = path.with_name(f".{path.stem}.{os.getpid()}.part.{ending}")
-    _WRITERS[ending](apart, frame)
-    os.replace(apart, path)
+    with whole(path) as apart:
+        _WRITERS[ending](apart, frame)
 
 
 def range_type(camera: PinholeCamera) -> type:
@@ -135,7 +134,10 @@ def _write_exr(path: Path, frame: FrameFile) -> None:
                          for k, axis in enumerate("XYZ")}
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage,
               "glrender": json.dumps(frame.header)}
-    OpenEXR.File(header, channels).write(str(path))
+    try:
+        OpenEXR.File(header, channels).write(str(path))
+    except RuntimeError as error:
+        raise OSError(errno.EIO, str(error)) from error
 
 
 def _write_fits(path: Path, frame: FrameFile) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import os
+import errno
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -13,6 +13,7 @@ from glrender_camera.validate import within
 
 from ..base.errors import ConfigError
 from .contact_sheet import grey_levels
+from .folder import whole
 from .read import read_image
 
 # VP9 plays in browsers, MPEG-4 part 2 in players alone; OpenCV's wheels have no H.264.
@@ -61,15 +62,21 @@ def write_video(path: Path, frames: Sequence[Path], rate_hz: float = 25.0, offse
     # Codecs have even sizes; OpenCV would cut the last row off.
     beyond = [(0, height % 2), (0, width % 2)]
     size = width + beyond[1][1], height + beyond[0][1]
-    apart = path.with_name(f".{path.stem}.{os.getpid()}.part.mp4")
+    with whole(path) as apart:
+        writer = _writer(apart, rate_hz, size)
+        for frame in frames:
+            writer.write(np.pad(grey_levels(read_image(frame), white, black=black), beyond, mode="edge"))
+        writer.release()
+        # OpenCV does not say that a disk is full.
+        n_written = max(int(cv2.VideoCapture(str(apart)).get(cv2.CAP_PROP_FRAME_COUNT)), 0)
+        if n_written != len(frames):
+            raise OSError(errno.EIO, f"{n_written} of {len(frames)} frames could be written: is the disk full?")
+
+
+def _writer(path: Path, rate_hz: float, size: tuple[int, int]) -> cv2.VideoWriter:
     for codec in _CODECS:
-        writer = cv2.VideoWriter(str(apart), cv2.VideoWriter_fourcc(*codec), rate_hz, size, isColor=False)
+        writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*codec), rate_hz, size, isColor=False)
         if writer.isOpened():
-            break
-    else:
-        raise ConfigError("video", f"needs an OpenCV with one of {', '.join(_CODECS)}",
-                          hint="pip install opencv-python-headless, or make one of the frames by ffmpeg")
-    for frame in frames:
-        writer.write(np.pad(grey_levels(read_image(frame), white, black=black), beyond, mode="edge"))
-    writer.release()
-    os.replace(apart, path)
+            return writer
+    raise ConfigError("video", f"needs an OpenCV with one of {', '.join(_CODECS)}",
+                      hint="pip install opencv-python-headless, or make one of the frames by ffmpeg")

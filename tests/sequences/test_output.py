@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import resource
+from contextlib import contextmanager
 from pathlib import Path
 
 import cv2
@@ -171,3 +173,29 @@ def test_a_dark_sequence_gives_a_dark_video(tmp_path):
                                    ("v.webm", 25.0, "video: must end in .mp4")):
         with pytest.raises(ConfigError, match=message):
             write_video(tmp_path / name, [tmp_path / "0.npz"], rate_hz=rate_hz)
+
+
+@contextmanager
+def _room_for(n_bytes):
+    """No file of this process grows beyond it, as where a disk is full."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (n_bytes, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+def test_a_full_disk_leaves_no_part_of_a_frame_or_video_and_names_the_file(tmp_path):
+    frame = FrameFile(pixels=np.random.default_rng(1).integers(0, 4095, (128, 128)).astype(np.uint16), unit="DN",
+                      products={}, header={})
+    needed_module("OpenEXR", "pip install 'glrender[exr]'")
+    for name in ("f.npz", "f.png", "f.exr"):
+        with _room_for(4096), pytest.raises(OSError, match=name):
+            write(tmp_path / name, frame)
+    frames = [tmp_path / f"{k}.png" for k in range(3)]
+    for file in frames:
+        write(file, frame)
+    with _room_for(4096), pytest.raises(OSError, match="0 of 3 frames could be written: is the disk full"):
+        write_video(tmp_path / "v.mp4", frames)
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["0.png", "1.png", "2.png"]
