@@ -88,7 +88,7 @@ def checked_weights(weights: Any, shape: tuple[int, int]) -> np.ndarray:
     try:
         if (weights := np.asarray(weights)).dtype.kind not in "biuf":
             raise TypeError
-        weights = weights.astype(np.float64)
+        weights = weights.astype(np.float64, copy=False)
     except (TypeError, ValueError):
         raise ConfigError("weights", f"must be numbers of shape {shape}", weights) from None
     if weights.shape != shape:
@@ -100,9 +100,10 @@ def checked_weights(weights: Any, shape: tuple[int, int]) -> np.ndarray:
 
 
 def gradient_of(weights: Weights, drawn: Drawn, frame: Frame, rays: RayEngine) -> Gradient:
-    """The gradient of a drawn frame's pixels (height, width), by weights, or by what makes them of the image."""
+    """The gradient of a drawn frame's pixels, by checked weights (height, width), or by what makes some of it."""
     light_W_m2, scene = drawn.irradiance_W_m2, rays.scene
-    weights = checked_weights(weights(light_W_m2) if callable(weights) else weights, light_W_m2.shape)
+    if callable(weights):
+        weights = checked_weights(weights(light_W_m2), light_W_m2.shape)
     found = {body.name: _Body(body.drawn_shape) for body in scene.bodies}
     for window, (by_points, _) in zip(drawn.windows, drawn.areas, strict=True):
         left, top, right, bottom = window.roi

@@ -237,6 +237,11 @@ def _read_line(weights, right, x0, y0, x1, y1):
     """
     rows, columns = weights.shape[0], weights.shape[1]
     dx, dy = x1 - x0, y1 - y0
+    if 0.0 <= min(x0, x1) and 0.0 <= min(y0, y1) and max(x0, x1) < columns and max(y0, y1) < rows:
+        column, row = int(x0), int(y0)
+        if column == int(x1) and row == int(y1):
+            half, beyond = 0.5 * weights[row, column], dy * (0.5 * (x0 + x1) - column)
+            return half, half, (dy - beyond) * right[row, column] + beyond * right[row, column + 1]
     at_begin, at_end, of_step = 0.0, 0.0, 0.0
     left_begin, left_end, begin, end = _within(x0, y0, dx, dy, rows, columns)
     if left_begin < left_end and dy != 0.0:
