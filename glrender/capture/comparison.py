@@ -20,7 +20,7 @@ from ..engines.derivatives.information import Readout, checked_unknown
 from ..engines.derivatives.parameters import checked_derivatives
 from ..planner.plan import RenderPlan
 from ..view.state import State
-from .frame_advice import bad_pixel_advice
+from .frame_advice import bad_pixel_advice, lost_pixel_advice
 from .frame_derivatives import check_still
 from .motion_path import moves
 from .outputs import checked_output
@@ -167,8 +167,10 @@ def compare_frame(renderer: Any, state: State, camera: str | None = None, *, fra
                       matrix=np.einsum("ip,jp->ij", columns, columns), vector=np.einsum("ip,p->i", columns, rest),
                       chi2=float(np.einsum("p,p->", rest, rest)), n_pixels=int(np.count_nonzero(fit.counts)),
                       gain=fit.gain, offset_DN=fit.offset_DN, exposure_s=predicted.exposure_s, plan=still.plan,
-                      timings_ms=timings, warnings=(*(() if is_robust else bad_pixel_advice(pinhole)), *image_advice(
-                          scene, state, pinhole, still.plan, still.irradiance_W_m2[inner], box)))
+                      timings_ms=timings, warnings=(
+                          *(() if is_robust else bad_pixel_advice(pinhole)),
+                          *lost_pixel_advice(_are_lit(predicted.light_DN), fit.counts),
+                          *image_advice(scene, state, pinhole, still.plan, still.irradiance_W_m2[inner], box)))
 
 
 def checked_frame(frame_DN: object, shape: tuple[int, int]) -> np.ndarray:
@@ -318,10 +320,14 @@ def _solved(looks: Mapping[str, np.ndarray], free: Sequence[str], seen: np.ndarr
     return {**known, **dict(zip(free, found, strict=True))}
 
 
+def _are_lit(light: np.ndarray) -> np.ndarray:
+    return light > _LIT * light.max()
+
+
 def _huber(rest: np.ndarray, weights: np.ndarray, light: np.ndarray) -> np.ndarray:
     """Factors on weights of residuals."""
     size = np.abs(rest) * np.sqrt(weights)
-    is_lit = (light > _LIT * light.max()) & (weights > 0.0)
+    is_lit = _are_lit(light) & (weights > 0.0)
     if not is_lit.any():
         return np.ones_like(rest)
     limit = _HUBER * max(_PER_MEDIAN * float(np.median(size[is_lit])), 1.0)

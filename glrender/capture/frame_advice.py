@@ -75,6 +75,16 @@ def bad_pixel_advice(camera: PinholeCamera) -> tuple[Advice, ...]:
         "with the exposure; ask for a robust comparison, or mask them")),)
 
 
+def lost_pixel_advice(is_lit: np.ndarray, counts: np.ndarray) -> tuple[Advice, ...]:
+    """A warning of a comparison in which hardly any of the lit pixels (h, w) count."""
+    n_lit, n_left = np.count_nonzero(is_lit), np.count_nonzero(is_lit & counts)
+    if not n_lit or n_left > SATURATED_SHARE * n_lit:
+        return ()
+    known = "few pixels decide, and from some pixels off a wrong gain" if n_left else "so that nothing is known"
+    return (Advice("lost_pixels", "compare", f"{n_lit - n_left} of {n_lit} lit pixels are full or masked and do not "
+                                             f"count: {known}; compare a frame of a shorter exposure, or mask less"),)
+
+
 def _saturation(scene: Scene, camera: PinholeCamera, frame: Frame, part: np.ndarray, roi: tuple[int, int, int, int],
                 has_stars: bool, has_sun: bool) -> list[Advice]:
     x0, y0, x1, y1 = roi

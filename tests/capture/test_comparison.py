@@ -183,6 +183,16 @@ def test_a_frame_without_the_bodys_light_or_with_none_that_counts(renderer, blur
     assert full.n_pixels == 0 and full.chi2 == 0.0 and not full.matrix.any()
 
 
+def test_lit_pixels_that_do_not_count_are_warned_of(renderer):
+    frame = np.rint(mean_frame(renderer, STATE)).astype(np.uint16)
+    text = lambda given, **more: [each.message for each in compare_frame(  # noqa: E731
+        renderer, STATE, frame_DN=given, **more).warnings if each.code == "lost_pixels"]
+    assert not text(frame)
+    assert "nothing is known" in text(np.ma.array(frame, mask=True))[0]
+    far = take_frame(renderer, moved(STATE, "spacecraft", 0, 40.0), seed=5, exposure_s=0.4, derivatives=["sun"]).frame
+    assert "a wrong gain" in text(far.dn, exposure_s=0.4)[0]
+
+
 @pytest.mark.parametrize(("options", "path", "text"), [
     ({"frame_DN": np.zeros((40, 39))}, "compare", r"shape \(40, 40\).*roi"),
     ({"frame_DN": np.zeros((40, 40), np.int64)}, "compare", "uint16.*int64"),
