@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
@@ -33,6 +33,7 @@ from ..view.regions import Group
 from .coverage.coverage_image import CoverageImage
 from .coverage.engine import CoverageEngine
 from .coverage.image_cells import ImageCells
+from .coverage.sampling import SampledAreas
 from .coverage.sunlit_areas import SunlitAreas
 from .passed_by import draw_aimed, with_missed
 from .raster.gl.context import Context
@@ -172,11 +173,11 @@ class IrradiancePass:
         clock.lap("refine")
         return min(made, Made(*aimed, aimed[1].predicted_error), key=lambda each: each.error)
 
-    def _missed(self, window: WindowPlan, frame: Frame, grid: tuple[int, int]) -> Callable[[int], np.ndarray] | None:
-        """Light that samples in the cells of a grid miss, by their number: `CoverageEngine.missed_by_samples`."""
+    def _areas(self, window: WindowPlan, frame: Frame, grid: tuple[int, int]) -> SampledAreas | None:
+        """Areas that tell of the light that samples in the cells of a grid miss: `CoverageEngine.sampled_areas`."""
         if self._coverage is None:
             return None
-        return self._coverage.missed_by_samples(
+        return self._coverage.sampled_areas(
             window.bodies, list(frame.views), ImageCells(frame.camera, window.bounds_px, grid),
             is_crowded=window.noise[1] > MOST_FACETS_PER_PX)
 
@@ -191,8 +192,8 @@ class IrradiancePass:
             flux = eclipse_samples.grid_flux_error(samples, bare)
             pixels = eclipse_samples.grid_pixel_error(flux, group.size_px, group.phase_rad)
             window = replace(window, flux_error=flux, drawn={**window.drawn, "eclipse": pixels})
-        missed = self._missed(window, frame, window.grid)
-        return samples, window if missed is None else with_missed(window, samples, missed)
+        areas = self._areas(window, frame, window.grid)
+        return samples, window if areas is None else with_missed(window, samples, areas.missed)
 
     def _draw_coverage(self, group: Group, window: WindowPlan, frame: Frame, clock: Clock, deadline: float,
                        is_only: bool = False) -> Made:
@@ -289,16 +290,25 @@ class IrradiancePass:
             error = np.maximum(error, eclipse_samples.pixel_errors(variance, window.samples, window.eclipse_px))
         is_aligned = (aligned := aligned_errors(mean, window.samples)) > error
         error = np.where(is_aligned, aligned, error)
-        missed, light = None, mean
-        by_areas = self._missed(window, frame, (x1 - x0, y1 - y0)) if facets_per_px <= MOST_FACETS_PER_PX else None
-        if by_areas is not None:
-            of_areas = np.abs(by_areas(window.samples))
-            # An image is dark for what samples pass by, and for no shadow, where they miss most of the light of areas.
-            if not mean.any() and 2.0 * of_areas.sum() > (of_all := by_areas(0)).sum():
-                light = of_all
-            is_larger = of_areas > _MUCH_LARGER * error
+        light, is_crowded = mean, facets_per_px > MOST_FACETS_PER_PX
+        areas = None if is_crowded else self._areas(window, frame, (x1 - x0, y1 - y0))
+        if areas is not None:
+            of_areas = np.abs(areas.missed(window.samples))
+            # Where nothing hides or shades, areas know the error of each pixel, however small.
+            is_larger = areas.are_exact | (of_areas > _MUCH_LARGER * error)
             if is_larger.any():
-                error, missed = np.where(is_larger, of_areas, error), by_areas
+                error, of_all = np.where(is_larger, of_areas, error), areas.missed(0)
+                # An image is dark for what samples pass by, and for no shadow, where they miss most of the light of
+                # areas; it is too bright where they meet thin parts. The larger error holds where none is drawn again.
+                if not mean.any():
+                    is_of_areas = 2.0 * of_areas.sum() > of_all.sum()
+                elif math.isinf(window.budget.tolerance):
+                    is_of_areas = frame_error(of_all, error) > frame_error(mean, error)
+                else:
+                    is_of_areas = mean.sum() > of_all.sum()
+                light = of_all if areas.are_exact or is_of_areas else mean
+            else:
+                areas = None
         now = frame_error(light, error)
         # Edges of shadows lie where the map's texels put them, however many samples see them.
         edges = now * window.samples**(0.5 * power) * math.sqrt(window.shadow_share)
@@ -312,7 +322,7 @@ class IrradiancePass:
         refinement = None
         has_aim = is_last or floor <= window.budget.tolerance or math.isfinite(deadline)
         if math.isfinite(left) and has_aim and time.monotonic() < deadline:
-            left *= ECLIPSE_SHARE if is_eclipsed or missed is not None else 1.0
+            left *= ECLIPSE_SHARE if is_eclipsed or areas is not None else 1.0
             refinement = plan_refinement(light, error, window.samples, left, power, most, is_aligned)
             if is_eclipsed:
                 refinement = eclipse_samples.holding_flux(refinement, mean, error, variance, window.samples, left,
@@ -329,10 +339,10 @@ class IrradiancePass:
                 np.copyto(mean[tile], pixels, where=mask.astype(bool))
                 clock.lap("readback")
         reached, told = refinement.predicted_error, {}
-        if missed is not None:
+        if areas is not None:
             finer = (window.samples / refinement.samples) ** np.where(is_aligned, 1.0, 0.5 * power)
             after = error * np.where(refinement.mask, finer, 1.0)
-            again = np.where(refinement.mask, np.abs(missed(refinement.samples)), 0.0)
+            again = np.where(refinement.mask, np.abs(areas.missed(refinement.samples)), 0.0)
             after = np.where((again > _MUCH_LARGER * after) | is_larger, np.maximum(after, again), after)
             reached = max(reached, frame_error(light, after))
         if is_eclipsed:

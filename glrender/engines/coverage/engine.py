@@ -7,7 +7,7 @@ shadows are found by rays here. Duff (1989), Polygon scan conversion by exact co
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import cv2
@@ -138,9 +138,9 @@ class CoverageEngine:
         members = self._members(*self._wholes(names, views))
         return None if members is None else _may_be_lit(members, cells, self._scene.sun_disc)
 
-    def missed_by_samples(self, names: Sequence[str], views: list[BodyView], cells: ImageCells, is_crowded: bool
-                          ) -> Callable[[int], np.ndarray] | None:
-        """Light (rows, columns) [W/m2 per pixel] that count x count samples in each cell miss: `SampledAreas.missed`.
+    def sampled_areas(self, names: Sequence[str], views: list[BodyView], cells: ImageCells, is_crowded: bool
+                      ) -> SampledAreas | None:
+        """Exact areas that tell of the light that samples in each cell miss.
 
         None is known behind a lens, and of bodies of many facets that crowd the pixels, or vary within them.
         """
@@ -149,7 +149,7 @@ class CoverageEngine:
         if members is None or cells.camera.lens_map is not None or is_crowded and any(
                 facets.n_facets >= FEWEST_CENTROIDS for facets, _ in members):
             return None
-        return SampledAreas(members, views, cells, self._scene.solar_irradiance_of(cells.camera), self._rays).missed
+        return SampledAreas(members, views, cells, self._scene.solar_irradiance_of(cells.camera), self._rays)
 
     def _wholes(self, names: Sequence[str], views: list[BodyView]) -> tuple[Sequence[str], list[BodyView]]:
         """Names and views with bodies in place of their parts."""

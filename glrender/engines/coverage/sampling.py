@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -30,10 +30,17 @@ class SampledAreas:
     solar_W_m2 : float [W/m2]
         Irradiance of the Sun at 1 au.
     rays : RayEngine
+
+    Attributes
+    ----------
+    are_exact : bool
+        Whether they are all that is lit: of a convex body alone whose facets are evenly bright.
     """
 
-    def __init__(self, bodies: Iterable[tuple[FacetTables, BodyView]], views: list[BodyView], cells: ImageCells,
+    def __init__(self, bodies: Sequence[tuple[FacetTables, BodyView]], views: list[BodyView], cells: ImageCells,
                  solar_W_m2: float, rays: RayEngine):
+        self.are_exact = len(views) == 1 and all(
+            facets.is_convex and facets.surface.is_even and facets.surface.body.relief is None for facets, _ in bodies)
         self._cells, self._scale = cells, solar_W_m2 / cells.camera.focal_length_px**2
         self._drawn: list[tuple[FacetTables, BodyView, np.ndarray, np.ndarray]] = []
         for facets, view in bodies:

@@ -92,6 +92,20 @@ def test_a_bar_narrower_than_samples_next_to_a_wide_one(engine, wide_px, texture
     assert error <= 1.2 * image.plan.predicted_error
 
 
+@pytest.mark.parametrize("panel_px", [None, 2.0])
+@pytest.mark.parametrize("count, middle_px", [(1, 0.5), (2, 0.25), (3, 0.5)])
+def test_samples_that_meet_a_thin_bar_make_it_too_bright_by_what_is_predicted(count, middle_px, panel_px):
+    """All of a row's samples meet a tenth of a pixel, alone, where the error is known, or with a panel near it."""
+    scene, state, area = bar(0.1, middle_px, *([] if panel_px is None else [(panel_px, -8.0)]))
+    with Renderer(scene) as renderer:
+        image = renderer.render(state, samples=count)
+    drawn, truth = image.irradiance_W_m2, LIGHT * area
+    error = np.sqrt(((drawn - truth) ** 2).sum() / np.count_nonzero(truth)) / truth[truth > 0.0].mean()
+    assert error <= 1.01 * image.plan.predicted_error
+    if panel_px is None:
+        assert image.plan.predicted_error < 1.5 * error
+
+
 @pytest.mark.parametrize("kind", [{"texture": CHECKED}, {"is_smooth": True}])
 def test_a_dark_image_of_a_textured_or_smooth_bar_has_an_error(kind):
     """By the engine that the plan chooses: the texture is dark at the middles of facets, or smooth normals aslant."""
