@@ -68,7 +68,13 @@ def image_advice(scene: Scene, state: State, camera: PinholeCamera, plan: Render
                                                        for body in plan.bodies if body.is_visible}):
         found += behind
     elif is_dark:
-        if in_view or not has_stars:
+        # Most of the light by areas is missed, or rays do not know that there is none.
+        if in_view and 2.0 * plan.predicted_error > 1.0:
+            found.append(Advice("dark", "max_error", (
+                f"no sample met light, and its predicted error is {plan.predicted_error:.2g}: what is lit of "
+                f"{_printable(in_view[0])} may be narrower than samples are apart; give max_error in place of samples, "
+                "or a smaller one")))
+        elif in_view or not has_stars:
             found += _why_dark(scene, state, camera, in_view, region, has_stars)
     elif in_view and not scene.emission and not scene.lamps and all(_is_night(state, name) for name in in_view):
         name = _printable(in_view[0])

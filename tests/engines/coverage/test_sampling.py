@@ -125,6 +125,7 @@ def test_a_bar_that_all_samples_pass_by_is_no_dark_image_without_an_error(engine
     error = views.relative_rms(image.irradiance_W_m2.astype(float), LIGHT * area)
     assert error > 0.5 and image.plan.predicted_error > 0.5
     assert any("exceeds max_error" in str(each) for each in image.warnings)
+    assert [each.path for each in image.warnings if each.code == "dark"] == ["max_error"]
 
 
 def smooth_image(shape, state, camera, law, n_points=100_000):
