@@ -26,13 +26,12 @@ from .engines.derivatives.region_derivatives import derivatives_of
 from .engines.emissions import Emissions
 from .engines.image import Image, checked_products
 from .engines.irradiance import IrradiancePass
-from .engines.parts import Parts
 from .engines.plugin_checks import try_twin
-from .engines.prepared_body import PreparedBody, own_bytes
+from .engines.prepared_body import PreparedBody
 from .engines.raster.gl.context import Context
 from .engines.raster.gl.evaluate import BrdfEvaluator
 from .engines.raster.gl.targets import DEPTH_BYTES, PixelMask, Target
-from .engines.raster.meshes import body_mesh, body_traits
+from .engines.raster.meshes import body_meshes, body_traits
 from .engines.raster.product_pass import ProductPass
 from .engines.raster.shadow_maps import Shadows
 from .engines.raster.surface_pass import Frame, SurfacePass
@@ -76,14 +75,13 @@ class Renderer:
     def __init__(self, scene: Scene, backend: str = "auto", device_index: int | None = None):
         if not isinstance(scene, Scene):
             raise ConfigError("scene", "must be a Scene", scene)
-        self._own, self.scene, self._parts, self._is_closed = OwnProcess(), scene, Parts(scene), False
-        scene = self._parts.drawn
+        self._own, self.scene, self._is_closed = OwnProcess(), scene, False
         with ExitStack() as stack:
             self._context = stack.enter_context(Context(backend, device_index))
-            meshes = [stack.enter_context(body_mesh(self._context, body)) for body in scene.bodies]
+            meshes = [tuple(map(stack.enter_context, body_meshes(self._context, body))) for body in scene.bodies]
             rays = coverage = None
             try:
-                rays = RayEngine(self.scene)
+                rays = RayEngine(scene)
                 stack.callback(rays.close)
                 coverage = CoverageEngine(scene, rays)
                 stack.callback(coverage.close)
@@ -92,21 +90,20 @@ class Renderer:
             self._rays, self._engines = rays, ENGINES if rays is not None else ("raster",)
             if scene.lamps:
                 self._engines = _for_lamps(scene, rays)
-            self._wholes = {} if rays is None or coverage is None else {
-                body.name: (rays.solid(body.name), coverage.facets(body.name)) for body in rays.wholes}
-            held = [self._wholes.get(body.name, (None, None)) for body in scene.bodies]
             self._bodies = {body.name: PreparedBody(
-                index=index, body=body, traits=body_traits(body), mesh=mesh, solid=solid, facets=facets)
-                for index, (body, mesh, (solid, facets)) in enumerate(zip(scene.bodies, meshes, held, strict=True))}
-            self._left_out = between_walls(self.scene)
+                index=index, body=body, traits=body_traits(body), meshes=meshes[index],
+                solid=None if rays is None else rays.solid(body.name),
+                facets=None if coverage is None else coverage.facets(body.name))
+                for index, body in enumerate(scene.bodies)}
+            self._left_out = between_walls(scene)
             self._shadows = Shadows(self._context, scene, self._bodies)
             stack.callback(self._shadows.close)
             mask, irradiance, products = (stack.enter_context(each) for each in (
                 PixelMask(self._context), Target(self._context, [1]), Target(self._context, [4, 4, 4])))
             self._surfaces = SurfacePass(mask, scene, self._bodies)
             self._irradiance = IrradiancePass(self._context, irradiance, self._surfaces, rays, coverage)
-            self._products = ProductPass(products, self._surfaces)
-            for law in {id(body.brdf): body.brdf for body in scene.bodies}.values():
+            self._products = ProductPass(products, self._surfaces, scene)
+            for law in {id(law): law for body in scene.bodies for law in body.laws}.values():
                 try_twin(law, self.evaluate_brdf)
             self._emissions = Emissions(self._context, scene, self._surfaces, self._shadows)
             stack.callback(self._emissions.close)
@@ -125,7 +122,6 @@ class Renderer:
             self._stack.close()
             # Images with derivatives keep their renderer.
             self._bodies.clear()
-            self._wholes.clear()
 
     def _check_open(self) -> None:
         """Refuse another process, and a renderer that was closed."""
@@ -137,12 +133,8 @@ class Renderer:
     @property
     def info(self) -> dict[str, Any]:
         """The OpenGL that was found: backend, gl_renderer, gl_version, limits; the engines; the memory of each body."""
-        memory_bytes = self._parts.memory_bytes({name: body.memory_bytes for name, body in self._bodies.items()})
-        for name in self._wholes.keys() - self._bodies.keys():
-            solid, facets = self._wholes[name]
-            memory_bytes[name]["rays"] += own_bytes(solid)
-            memory_bytes[name]["coverage"] += own_bytes(facets)
-        return {**self._context.info, "engines": self._engines, "memory_bytes": memory_bytes}
+        return {**self._context.info, "engines": self._engines,
+                "memory_bytes": {name: body.memory_bytes for name, body in self._bodies.items()}}
 
     @property
     def draws_lenses(self) -> bool:
@@ -197,9 +189,7 @@ class Renderer:
         clock, wanted, deadline = Clock(), checked_products(products), _deadline(deadline_s)
         names = checked_derivatives(derivatives, self.scene)
         request = self._by_noise(state, self._request(camera, max_error, samples, engine, use, bool(names)))
-        with self._parts.by_bodies():
-            given, state = state, self._parts.state(state, request.camera)
-            plan, frame, drawn = self._drawn(state, request, names, clock, deadline)
+        plan, frame, drawn = self._drawn(state, request, names, clock, deadline)
         irradiance = drawn.irradiance_W_m2
         made = account(plan, drawn, self._left_out)
         if self._emissions:
@@ -207,19 +197,18 @@ class Renderer:
             clock.lap("emission")
         jacobian, gradient = None, None
         if names:
-            gradient = partial(self.gradient, given, camera=request.camera, max_error=request.max_error)
+            gradient = partial(self.gradient, state, camera=request.camera, max_error=request.max_error)
             jacobian, errors = derivatives_of(names, drawn, frame, self._rays)
             made = replace(made, jacobian_error=errors)
             clock.lap("derivatives")
         arrays = {}
         if wanted:
-            arrays = self._parts.products(wanted, lambda names: self._drawn_products(names, plan, frame, drawn))
+            arrays = self._drawn_products(wanted, plan, frame, drawn)
             clock.lap("products")
-        made = replace(self._parts.plan(made), milliseconds=sum(clock.laps_ms.values()),
-                       memory_bytes=self._added_bytes(frame))
+        made = replace(made, milliseconds=sum(clock.laps_ms.values()), memory_bytes=self._added_bytes(frame))
         return Image(irradiance_W_m2=irradiance, products=arrays, plan=made, jacobian=jacobian, gradient=gradient,
-                     small_bodies=self._parts.small_bodies(drawn.small_bodies), timings_ms=clock.laps_ms,
-                     request=(self.scene, given, request.camera))
+                     small_bodies=drawn.small_bodies, timings_ms=clock.laps_ms,
+                     request=(self.scene, state, request.camera))
 
     def gradient(self, state: State, weights: Weights, camera: str | PinholeCamera | None = None, *,
                  max_error: float | Mapping[str, float] | None = None) -> Gradient:
@@ -249,15 +238,14 @@ class Renderer:
         request = self._by_noise(state, self._request(camera, max_error, None, None, WHOLE_IMAGE, True))
         if not callable(weights):
             weights = checked_weights(weights, (request.camera.height_px, request.camera.width_px))
-        with self._parts.by_bodies():
-            _, frame, drawn = self._drawn(self._parts.state(state, request.camera), request, (), Clock(), math.inf)
+        _, frame, drawn = self._drawn(state, request, (), Clock(), math.inf)
         return gradient_of(weights, drawn, frame, self._rays)
 
     def _drawn(self, state: State, request: Request, names: Sequence[str], clock: Clock, deadline: float
                ) -> tuple[FramePlan, Frame, Drawn]:
         """The light of surfaces, with what it was drawn by; refused where parameters by name have no derivatives."""
         traits = [body.traits for body in self._bodies.values()]
-        seen = seen_bodies(state, request.camera, self._parts.drawn, traits)
+        seen = seen_bodies(state, request.camera, self.scene, traits)
         if request.has_derivatives:
             check_derivable(names, self.scene, request, seen)
         plan, irradiance = plan_frame(seen, request), _blank(request.camera, request.use.out)

@@ -24,10 +24,10 @@ class PreparedBody:
         The body's number in the scene.
     body : Body
     traits : BodyTraits
-    mesh : Mesh
-        For OpenGL.
+    meshes : tuple of Mesh
+        For OpenGL: of each of the body's parts.
     solid : RayMesh or None
-        For rays; None without Embree, and of a part of a body: rays meet the whole.
+        For rays; None without Embree.
     facets : FacetTables or None
         For coverage, likewise; None too of many facets of which none is evenly bright.
     """
@@ -35,7 +35,7 @@ class PreparedBody:
     index: int
     body: Body
     traits: BodyTraits
-    mesh: Mesh
+    meshes: tuple[Mesh, ...]
     solid: RayMesh | None
     facets: FacetTables | None
 
@@ -48,11 +48,12 @@ class PreparedBody:
         shape = self.body.drawn_shape
         shared = {id(shape.vertices_m), id(shape.facets)}
         tables = [] if self.facets is None else [self.facets, self.facets.horizons]
-        return {"shape": shape.vertices_m.nbytes + shape.facets.nbytes, "raster": self.mesh.memory_bytes,
-                "rays": own_bytes(self.solid, shared), "coverage": sum(own_bytes(each, shared) for each in tables)}
+        return {"shape": shape.vertices_m.nbytes + shape.facets.nbytes,
+                "raster": sum(mesh.memory_bytes for mesh in self.meshes),
+                "rays": _own_bytes(self.solid, shared), "coverage": sum(_own_bytes(each, shared) for each in tables)}
 
 
-def own_bytes(thing: object, shared: Container[int] = ()) -> int:
+def _own_bytes(thing: object, shared: Container[int]) -> int:
     """Memory [byte] of the arrays that an object has as attributes, without those that it shares."""
     arrays = [] if thing is None else [value for value in vars(thing).values() if isinstance(value, np.ndarray)]
     return sum(array.nbytes for array in arrays if id(array) not in shared)

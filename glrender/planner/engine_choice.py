@@ -276,9 +276,9 @@ def _coverage(part: _Part) -> list[WindowPlan]:
     modelled[HARD] = max(body.penumbra.hard_error for body in bodies)
     of_flux = {**of_flux, CENTROIDS: least}
     is_too_much = allowed.rms_of(modelled, of_flux) > PENUMBRA_SHARE * allowed.tolerance
-    # Where bodies hide or shade each other facets are clipped at the edges anyway.
-    if (is_too_much or has_planes or len(bodies) > 1 or bodies[0].casters or traits.n_facets < FEWEST_CENTROIDS
-            or facets_per_px(view, traits.n_facets) < _LEAST_FACETS_PER_PX
+    # Where bodies hide or shade each other facets are clipped at the edges anyway; a table is of one law.
+    if (is_too_much or has_planes or len(bodies) > 1 or bodies[0].casters or not traits.is_of_one_look
+            or traits.n_facets < FEWEST_CENTROIDS or facets_per_px(view, traits.n_facets) < _LEAST_FACETS_PER_PX
             or view.phase_rad + traits.radius_m / view.range_m > _CENTROIDS_RAD):
         return [clipped]
     by_centroids = part.window("coverage", allowed, modelled, modelled_flux=of_flux, by_centroids=True,

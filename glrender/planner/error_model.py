@@ -58,8 +58,9 @@ class BodyTraits:
     radius_m : float [m]
     is_convex : bool
     law : str
+        Or laws, of a body of materials.
     max_phase_rad : float [rad]
-        Up to which the law holds.
+        Up to which all of them hold.
     n_facets : int
     crease_rad : float [rad]
         RMS angle between neighbouring facets.
@@ -74,6 +75,8 @@ class BodyTraits:
     facet_m : float [m]
         Side of facets, by their areas; infinite where a facet is not as bright everywhere: with a texture, smooth
         normals or surface detail.
+    is_of_one_look : bool
+        Whether one law is that of all facets.
     """
 
     radius_m: float
@@ -87,6 +90,7 @@ class BodyTraits:
     longest_side_m: float = 0.0
     view_slope: Callable[[float], float] = lambda phase_rad: 0.0
     facet_m: float = math.inf
+    is_of_one_look: bool = True
 
     def breaks_highlights(self, phase_rad: float) -> bool:
         """Whether flat facets turn from one to the next by more than half the width of a highlight."""

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from ..base.errors import ConfigError
-from ..scene.body import owner
 from ..view.regions import Group, touching
 from .body_plan import plan_body
 from .engine_choice import apart_limit, ways_to_draw
@@ -61,8 +60,7 @@ def plan_frame(seen: Sequence[Seen], request: Request) -> FramePlan:
     for group in groups:
         members = [by_name[name] for name in group.names]
         options.append(tuple(ways_to_draw(group, members, [bodies[name] for name in group.names], request, apart_px)))
-    if hopeless := dict.fromkeys(owner(name) for group, ways in zip(groups, options, strict=True) if not ways
-                                 for name in group.names):
+    if hopeless := [name for group, ways in zip(groups, options, strict=True) if not ways for name in group.names]:
         raise ConfigError("engine", f"cannot draw {', '.join(hopeless)}", request.engine,
                           _NO_ENGINE.get(request.engine or "", ""))
     return FramePlan(request=request, seen=tuple(seen), bodies=tuple(bodies.values()), groups=tuple(groups),

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..base.rotations import sun_from_body
-from ..scene.body import owner
 from ..scene.shape.convex_hull import Hull
 from ..view.sun_disc import on_disc
 from ..view.view import BodyView
@@ -95,11 +94,7 @@ def penumbra_of(view: BodyView, cast: Sequence[_Caster], hulls: Mapping[str, Hul
     """
     if not sun_radius_rad > 0.0:
         return Penumbra()
-    # The shadows of a body's parts on each other are its own, and as wide as those of the largest.
-    parts = [view.name, *(name for name, *_ in cast if owner(name) == owner(view.name))]
-    cast = [each for each in cast if each[0] not in parts]
-    scale = max(hulls[name].radius_m for name in parts) / hulls[view.name].radius_m
-    own, own_px = (0.0, 0.0) if hulls[view.name].is_convex and len(parts) == 1 else _own(view, scale)
+    own, own_px = (0.0, 0.0) if hulls[view.name].is_convex else _own(view)
     if not cast:
         return Penumbra(hard_error=own, own_px=own_px)
     error, annular_error, cast_px = _cast(view, cast, hulls, sun_radius_rad)
@@ -117,14 +112,12 @@ def sun_points(error: float, tolerance: float) -> tuple[int, float]:
                  if share * error <= PENUMBRA_SHARE * tolerance), SUN_POINTS[-1])
 
 
-def _own(view: BodyView, scale: float) -> tuple[float, float]:
+def _own(view: BodyView) -> tuple[float, float]:
     """RMS error [1] of hard edges in place of the penumbras of a body's shadows on itself, and the widest one's [px].
-
-    The body may be larger than what is in view of it, by a scale [1].
 
     Itokawa, 500 px across at 1 au, has 0.0041 at 60 deg, 0.0094 at 120; a contact binary of 400 px 0.0054 at 60 deg.
     """
-    size_px = scale * view.finest_px
+    size_px = view.finest_px
     error = _OWN_ERROR * view.phase_rad * min(size_px / _OWN_PX, 1.0) / math.sqrt(view.sun_distance_au)
     return error, _OWN_WIDTH * size_px / view.sun_distance_au
 

@@ -25,18 +25,11 @@ from .shape.textures import laid, read_texture
 NO_COORDINATES = ('of a map of longitudes and latitudes say albedo_projection = { kind = "equirectangular", '
                   'left_edge_deg = -180.0 }; else leave it out, or take a shape that has them (`vt` of an OBJ)')
 """The way out where a map has nothing to lie on."""
-PART = "\x1f"
-"""The sign between a body's name and the number of its part's material: not printable, as names are."""
 
 
 def albedo_name(law: Any) -> str | None:
     """The name of the albedo that a map scales; None of a law that has none, whose BRDF it scales."""
     return next((each.name for each in fields(law) if each.name.endswith("albedo")), None)
-
-
-def owner(name: str) -> str:
-    """The name of the body that a body or a part belongs to."""
-    return name.partition(PART)[0]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -177,6 +170,11 @@ class Body:
         """Its law, or those of its materials."""
         return tuple((self.materials or {}).values()) if self.brdf is None else (self.brdf,)
 
+    @property
+    def law_names(self) -> str:
+        """The names of its laws, each once."""
+        return ", ".join(dict.fromkeys(law.glsl for law in self.laws))
+
     @cached_property
     def parts(self) -> tuple[Body, ...]:
         """Parts of one look each, which share the body's pose: itself where it has one law."""
@@ -185,8 +183,15 @@ class Body:
         return tuple(self._part(number) for number in np.unique(self.looks))
 
     @cached_property
+    def part_facets(self) -> tuple[np.ndarray, ...]:
+        """Numbers (F,) of the facets of each of `parts`."""
+        if self.materials is None:
+            return (np.arange(len(self.shape.facets)),)
+        return tuple(np.flatnonzero(self.looks == number) for number in np.unique(self.looks))
+
+    @cached_property
     def looks(self) -> np.ndarray:
-        """Number (F,) of the first material that each facet looks like: engines' cost grows with their parts."""
+        """Number (F,) of the first material that each facet looks like: OpenGL's cost grows with the parts."""
         first: dict[Law, int] = {}
         of_facets, same = np.asarray(self.shape.material), np.arange(len(self.shape.materials))
         for number in np.unique(of_facets):
@@ -196,12 +201,6 @@ class Body:
                 same[number] = first.setdefault(law, number)
         return same[of_facets]
 
-    def facets_of(self, part: Body) -> np.ndarray:
-        """Numbers (F,) of the facets of one of its parts."""
-        if part is self:
-            return np.arange(len(self.shape.facets))
-        return np.flatnonzero(self.looks == int(part.name.rpartition(PART)[2]))
-
     def _part(self, number: int) -> Body:
         material, shape = self.shape.materials[number], self.shape.part(self.looks == number)
         with error_path(f"materials.{material.name}"):
@@ -210,8 +209,6 @@ class Body:
                 shape = replace(shape, uv=uv)
             law = (self.materials or {})[material.name]
             made = replace(self, shape=shape, brdf=law, materials=None, albedo_map=image)
-        # No caller's body has such a name.
-        object.__setattr__(made, "name", f"{self.name}{PART}{number}")
         if self.smooth_normals:
             used = np.unique(self.shape.facets[self.looks == number])
             vars(made.shape)["vertex_normals"] = self.shape.vertex_normals[used]

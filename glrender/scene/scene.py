@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -105,12 +105,6 @@ class Scene:
     def hulls(self) -> dict[str, Hull]:
         """Convex hulls of the bodies, by name, in the scene's order."""
         return {body.name: body.hull for body in self.bodies}
-
-    @cached_property
-    def of_parts(self) -> Scene:
-        """The scene that engines draw: bodies of several materials are their parts; the same scene without such."""
-        parts = [part for body in self.bodies for part in body.parts]
-        return self if all(body.materials is None for body in self.bodies) else replace(self, bodies=parts)
 
     @cached_property
     def doubts(self) -> dict[str, tuple[Advice, ...]]:

@@ -21,10 +21,15 @@ class Surface:
     Parameters
     ----------
     body : Body
+
+    Attributes
+    ----------
+    body : Body
+        As it was given; of materials that all look alike the one part, which has a law.
     """
 
     def __init__(self, body: Body):
-        self.body = body
+        self.body = body.parts[0] if len(body.parts) == 1 else body
 
     @property
     def is_even(self) -> bool:
@@ -37,24 +42,18 @@ class Surface:
         return sum(len(part.shape.facets) for part in self.body.parts
                    if part.smooth_normals or part.albedo_map is not None)
 
-    def in_parts(self, facet: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Which of the body's parts facets (N,) are in, and their numbers (N,) there."""
-        if len(self.body.parts) == 1:
-            return np.zeros_like(facet), facet
-        return tuple(each.take(facet) for each in self._places)
-
     @cached_property
     def _places(self) -> np.ndarray:
+        """Which of the body's parts each facet is in, and its number there: (2, F) int."""
         places = np.zeros((2, len(self.body.shape.facets)), np.intp)
-        for k, part in enumerate(self.body.parts):
-            facets = self.body.facets_of(part)
+        for k, facets in enumerate(self.body.part_facets):
             places[:, facets] = np.full(len(facets), k), np.arange(len(facets))
         return places
 
     def _by_parts(self, facet: np.ndarray, value_of: Callable[[Surface, np.ndarray, np.ndarray], np.ndarray]
                   ) -> np.ndarray:
         """Values (N,) at facets (N,) by each part's surface, its facets' numbers (K,), and which (K,) of the N."""
-        part, number = self.in_parts(facet)
+        part, number = self._places.take(facet, axis=1)
         value = np.zeros(len(facet))
         for k, each in enumerate(self.body.parts):
             if len(some := np.flatnonzero(part == k)):

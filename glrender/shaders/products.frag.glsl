@@ -23,5 +23,6 @@ void main()
     range_and_angles = vec4(range, angle(normal, sun_direction_body), angle(normal, to_camera),
                             angle(sun_direction_body, to_camera));
     place = vec4(r, cos_incidence > 0.0 ? sunlit(cos_incidence) : 0.0);
-    identity = vec4(float(body_id + 1), float(facet_index() % 4096), float(facet_index() / 4096), 1.0);
+    int facet = first_facet + facet_index();
+    identity = vec4(float(body_id + 1), float(facet % 4096), float(facet / 4096), 1.0);
 }

@@ -1,23 +1,19 @@
-"""Bodies of several materials: engines draw parts, callers see one body. Truth: float64 rays at each facet, plates."""
+"""Bodies of several materials: OpenGL draws parts, all else one body. Truth: float64 rays at each facet, plates."""
 
 from __future__ import annotations
-
-from dataclasses import replace
 
 import numpy as np
 import pytest
 import views
 from few_facets import light as traced
-from glb_parts import SHEET, SHEET_UV, glb, material, png, sheet
+from glb_parts import SHEET_UV, glb, material, png, sheet
 from glrender import Body, ConfigError, Pose, Renderer, SceneError, State, frames, open_renderer
 from glrender.base.constants import AU_M
 from glrender.brdf import Lambert
 from glrender.engines.cycles import Cycles
 from glrender.engines.cycles.backend import has_two_faces
-from glrender.engines.parts import Parts
 from glrender.engines.rays.aimed import AimedRays
 from glrender.engines.rays.engine import RayEngine
-from glrender.scene.body import PART
 from glrender.view.view import view_bodies
 from glrender_camera import BrownConrady
 from solids import box
@@ -76,7 +72,7 @@ def test_a_craft_of_four_materials_is_as_rays_see_it(renderer, body, r_camera):
         assert views.relative_rms(light, truth) < np.hypot(image.plan.predicted_error, 0.016), way
         assert abs(light.sum() / truth.sum() - 1.0) < (0.01 if way == "OpenGL" else 0.004), way
     engine, camera = RayEngine(renderer.scene), renderer.scene.cameras[0]
-    seen = view_bodies(Parts(renderer.scene).state(state, camera), camera, engine.scene.hulls)
+    seen = view_bodies(state, camera, engine.scene.hulls)
     light, error = AimedRays(engine, camera, seen, (0, 0, 72, 72)).until(0.01, np.random.default_rng(0))
     assert views.relative_rms(light.reshape(72, 72).astype(float), truth) < np.hypot(error, 0.016)
 
@@ -92,73 +88,40 @@ def test_callers_see_one_body(renderer, body):
         made = [rays.render(state, products=wanted, samples=1),
                 renderer.render(state, products=wanted)]
     for image in made:
-        assert [each.name for each in image.plan.bodies] == ["sat"] and PART not in repr(image.plan)
-        assert image.plan.bodies[0].n_facets == len(body.shape.facets) and PART not in str(image.warnings)
+        assert [each.name for each in image.plan.bodies] == ["sat"]
+        assert image.plan.bodies[0].n_facets == len(body.shape.facets)
         assert image.request[0] is not None and image.request[1] is state
         differs = image.products["facet_id"] != want.products["facet_id"]
         assert set(np.unique(image.products["body_id"])) == {-1, 0} and differs.mean() < 0.005
         for name in ("range", "incidence", "r_body"):
             np.testing.assert_allclose(image.products[name][~differs], want.products[name][~differs], atol=2e-5)
     assert list(renderer.info["memory_bytes"]) == ["sat"]
-    # Rays meet the whole, whose vertices float64 (V, 3) and facets int32 (F, 3) are counted with it.
     with Renderer(views.scene([alone], [views.camera(72, 394.0)])) as one:
-        least = one.info["memory_bytes"]["sat"]["rays"] + 24 * len(body.shape.vertices_m) + 12 * len(body.shape.facets)
-    assert renderer.info["memory_bytes"]["sat"]["rays"] >= least
+        want, made_bytes = (each.info["memory_bytes"]["sat"] for each in (one, renderer))
+    assert all(want[kind] == made_bytes[kind] for kind in ("shape", "rays", "coverage")), "the whole's"
     assert set(renderer.render(state, products=["facet_id"]).products) == {"facet_id"}
     assert made[1].plan.bodies[0].law == "microfacet" and not made[1].plan.bodies[0].casters
 
 
 def test_a_craft_of_several_laws_is_drawn_as_one_of_one_law(body):
-    """Lambert albedos that differ by 1e-7 of themselves: equal areas, as many rays, and equal light."""
+    """Lambert albedos that differ by 1e-7 of themselves: equal areas, as many rays, one shadow map, and equal light."""
     laws = {name: Lambert(normal_albedo=0.3 + 3e-8 * k) for k, name in enumerate(body.materials)}
     several, state = Body(name="sat", shape=body.shape, materials=laws), looking((8.0, -14.0, 12.0))
     assert len(several.parts) == 4
     images = []
     for each in (several, Body(name="sat", shape=body.shape, brdf=GREY)):
         with Renderer(views.scene([each], [views.camera(72, 394.0)])) as made:
-            images.append([made.render(state, max_error=error) for error in (0.02, 0.004)])
+            images.append([made.render(state, **way) for way in (
+                {"max_error": 0.02}, {"engine": "rays"}, {"engine": "raster"}, {"samples": 4}, {"max_error": 0.004})])
     for image, other in zip(*images, strict=True):
         one, two = image.plan.windows[0], other.plan.windows[0]
         assert (one.engine, one.refined_samples, one.refined_share) == (
             two.engine, two.refined_samples, two.refined_share)
+        assert image.plan.bodies[0].shadow_map_drawn_px == other.plan.bodies[0].shadow_map_drawn_px
+        assert image.plan.predicted_error == pytest.approx(other.plan.predicted_error)
         np.testing.assert_allclose(image.irradiance_W_m2, other.irradiance_W_m2, rtol=1e-5,
                                    atol=1e-5 * other.irradiance_W_m2.max())
     assert one.refined_share > 0.0
-
-
-def test_rays_see_of_a_body_those_parts_that_are_asked_for(renderer, body):
-    """Each place shows one part, which others hide: the light of the parts, asked for one by one, is that of all."""
-    scene, camera, state = renderer.scene, renderer.scene.cameras[0], looking((8.0, -14.0, 12.0))
-    engine, place = RayEngine(scene), np.argwhere(np.ones((72, 72))).astype(float)
-    seen = view_bodies(Parts(scene).state(state, camera), camera, engine.scene.hulls)
-    each = [engine.irradiance(place, camera, [replace(view, is_visible=view is one) for view in seen]) for one in seen]
-    assert all(light.any() for light in each) and (np.count_nonzero(each, axis=0) <= 1).all()
-    np.testing.assert_allclose(sum(each), engine.irradiance(place, camera, seen), rtol=1e-12)
-
-
-def test_a_map_of_many_facets_leaves_coverage_to_other_parts(tmp_path):
-    """A box, and next to it a sheet of 10,368 facets with an even grey, each in a region of its own."""
-    y, x = np.mgrid[0:73, 0:73] / 72.0 - 0.5
-    k = np.arange(72 * 73).reshape(72, 73)[:, :-1].ravel()
-    quads = np.stack([k, k + 1, k + 74, k, k + 74, k + 73], axis=1).reshape(-1, 3)
-    dense = np.stack([x.ravel(), y.ravel(), 0.0 * x.ravel()], axis=1)
-    pieces = [(*box((-0.5,) * 3, (0.5,) * 3), 0, {"translation": [-3.0, 0.0, 0.0]}, None),
-              (dense, quads, 1, {"translation": [3.0, 0.0, 0.0], "scale": [2.0, 2.0, 1.0]}, dense[:, :2] + 0.5)]
-    given = [material("box", 0.5), material("map", baseColorTexture={"index": 0})]
-    file = glb(tmp_path / "a.glb", pieces, given, [png(np.full((2, 2), 255, np.uint8))])
-    laws = {"box": GREY, "map": Lambert(normal_albedo=0.6)}
-    body = Body.from_file(file, name="sat", length_unit="m", materials=laws)
-    state, camera = looking((2.0, -8.0, 16.0)), views.camera(96, 150.0)
-    vertices, facets = SHEET
-    corners = [body.parts[0].shape.vertices_m[body.parts[0].shape.facets],
-               (vertices * [2.0, 2.0, 1.0] + [3.0, 0.0, 0.0])[facets]]
-    truth = traced(list(zip(corners, laws.values(), strict=True)), camera, state, views.SOLAR_IRRADIANCE_W_M2)
-    with Renderer(views.scene([body], [camera], sun_disc=False)) as made:
-        image = made.render(state, max_error=0.02)
-    assert [window.engine == "coverage" for window in image.plan.windows] == [True, False]
-    light = image.irradiance_W_m2.astype(float)
-    assert views.relative_rms(light, truth) < np.hypot(image.plan.predicted_error, 0.016)
-    assert abs(light.sum() / truth.sum() - 1.0) < 0.004
 
 
 @pytest.mark.parametrize("has_lens", [False, True])
@@ -176,16 +139,16 @@ def test_a_part_behind_the_camera_is_not_in_the_image(tmp_path, has_lens):
     truth = traced([(part.shape.vertices_m[part.shape.facets], part.brdf) for part in body.parts],
                    views.camera(48, 200.0), state, views.SOLAR_IRRADIANCE_W_M2)
     with Renderer(views.scene([body], [camera], sun_disc=False)) as made:
-        image = made.render(state, engine="coverage")
+        image = made.render(state, engine="rays", max_error=0.02)
     light = image.irradiance_W_m2.astype(float)
     assert views.relative_rms(light, truth) < np.hypot(image.plan.predicted_error, 0.016)
     assert abs(light.sum() / truth.sum() - 1.0) < 0.004
 
 
 @pytest.mark.parametrize("scale, fault", [(0.0, "the camera must be outside body 'sat'"),
-                                          (2.5e10, "body 'sat' must be 1e-09 px across")])
+                                          (1e11, "body 'sat' must be 1e-09 px across")])
 def test_errors_name_the_body(renderer, scale, fault):
-    """In a body's middle, and where one of its parts is too small."""
+    """In a body's middle, and where it is too small."""
     state = looking((8.0, -14.0, 12.0))
     place = Pose(r_inertial_m=scale * state.spacecraft.r_inertial_m, q_from_inertial=state.spacecraft.q_from_inertial)
     with pytest.raises(SceneError, match=fault):

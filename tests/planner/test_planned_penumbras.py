@@ -12,7 +12,6 @@ from eclipses import FOCAL_PX, LAW, SUN_RAD, eclipsed
 from glrender import Renderer
 from glrender.planner.penumbra import SUN_POINTS, Penumbra, penumbra_of, shared_area, sun_points
 from glrender.planner.request import ImageUse
-from glrender.scene.body import PART
 from glrender.view.sun_disc import on_disc
 from missing import needed_module
 from planning import seen, view, ways
@@ -135,21 +134,6 @@ def test_a_body_s_own_penumbras_err_as_was_measured_and_little_more():
     depth = 0.5 * (900.0 + 1100.0) / 900.0
     assert own(60.0).own_px == pytest.approx(0.1 * 2.0 * SUN_RAD * 500.0 * depth, rel=0.1), "a tenth of the size away"
     assert own(60.0, sun_distance_au=4.0).own_px == pytest.approx(0.25 * own(60.0).own_px)
-
-
-def test_the_shadows_of_a_bodys_parts_on_each_other_are_its_own():
-    """48 parts took 60 times the time of one, most of it for eclipses of the parts as spheres in each other."""
-    cast, seen_, scene, _ = eclipsed((300.0, 0.0, 0.0), 50.0, sun_radius_rad=SUN_RAD)
-    (_, *from_caster), hull = cast[0], scene.hulls[seen_.name]
-    hulls = {f"sat{PART}{k}": SimpleNamespace(is_convex=k == 0, radius_m=r) for k, r in ((0, 0.2 * hull.radius_m),
-                                                                                     (1, hull.radius_m))}
-    small, large = (replace(seen_, name=name) for name in hulls)
-    hulls["sat"] = SimpleNamespace(is_convex=False, radius_m=1.0)
-    whole = penumbra_of(replace(seen_, name="sat"), [], hulls, SUN_RAD)
-    for view_, other, scale in ((small, large, 5.0), (large, small, 1.0)):
-        found = penumbra_of(view_, [(other.name, *from_caster)], hulls, SUN_RAD)
-        assert (found.cast_px, found.hard_flux, found.left) == (0.0, 0.0, 1.0)
-        assert found.own_px == pytest.approx(scale * whole.own_px)
 
 
 def test_points_of_the_disc_leave_the_share_of_a_hard_edge_s_error():

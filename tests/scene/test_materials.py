@@ -60,7 +60,7 @@ def test_each_facet_has_its_material(tmp_path):
     np.testing.assert_allclose(middles, [-2.0, 0.0, 2.0], atol=1e-12)
     assert [len(part.shape.facets) for part in body.parts] == [2, 4, 2]
     for part in body.parts:
-        own = body.facets_of(part)
+        own = body.part_facets[body.parts.index(part)]
         np.testing.assert_array_equal(part.shape.vertices_m[part.shape.facets],
                                       body.shape.vertices_m[body.shape.facets[own]])
 
@@ -74,7 +74,7 @@ def test_materials_that_look_the_same_are_one_part(tmp_path):
     body = opened(path)
     assert list(body.materials) == ["a", "b", "c", "d"]
     assert [len(part.shape.facets) for part in body.parts] == [4, 2, 2]
-    assert sorted(np.concatenate([body.facets_of(part) for part in body.parts])) == list(range(8))
+    assert sorted(np.concatenate(body.part_facets)) == list(range(8))
     assert len(opened(path, materials={"c": GREY}).parts) == 4
 
 

@@ -54,9 +54,8 @@ class CoverageEngine:
 
     def __init__(self, scene: Scene, rays: RayEngine):
         self._scene, self._rays, self._brdf_tables = scene, rays, BrdfTables()
-        # Uneven ones show what samples miss; large shapes have facets far smaller than their thinnest parts. Of a body
-        # with a map on some of many facets others may be drawn.
-        self._facets = {body.name: FacetTables(body, rays.solid(body.name)) for body in rays.wholes
+        # Uneven ones show what samples miss; large shapes have facets far smaller than their thinnest parts.
+        self._facets = {body.name: FacetTables(body, rays.solid(body.name)) for body in scene.bodies
                         if Surface(body).n_uneven < max(len(body.shape.facets), FEWEST_CENTROIDS)}
 
     def facets(self, name: str) -> FacetTables | None:
@@ -88,7 +87,6 @@ class CoverageEngine:
         is_only : bool
             No other engine draws penumbras: points of the Sun's disc do, however few.
         """
-        names, views = self._wholes(names, views)
         looked = self._look(names, views, cells, budget, self._scene.sun_disc)
         penumbra = looked.penumbra.judged
         n_points, share = sun_points(penumbra, budget.tolerance)
@@ -135,7 +133,7 @@ class CoverageEngine:
 
         None where a body has many uneven facets, or is not wholly before the camera.
         """
-        members = self._members(*self._wholes(names, views))
+        members = self._members(names, views)
         return None if members is None else _may_be_lit(members, cells, self._scene.sun_disc)
 
     def sampled_areas(self, names: Sequence[str], views: list[BodyView], cells: ImageCells, is_crowded: bool
@@ -144,16 +142,11 @@ class CoverageEngine:
 
         None is known behind a lens, and of bodies of many facets that crowd the pixels, or vary within them.
         """
-        names, views = self._wholes(names, views)
         members = self._members(names, views)
         if members is None or cells.camera.lens_map is not None or is_crowded and any(
                 facets.n_facets >= FEWEST_CENTROIDS for facets, _ in members):
             return None
         return SampledAreas(members, views, cells, self._scene.solar_irradiance_of(cells.camera), self._rays)
-
-    def _wholes(self, names: Sequence[str], views: list[BodyView]) -> tuple[Sequence[str], list[BodyView]]:
-        """Names and views with bodies in place of their parts."""
-        return tuple(map(self._rays.whole, names)), list(self._rays.blockers(views))
 
     def _members(self, names: Sequence[str], views: list[BodyView]) -> list[tuple[FacetTables, BodyView]] | None:
         """Tables and views of bodies that are seen and wholly before the camera, or None where one has none."""

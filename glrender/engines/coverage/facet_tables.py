@@ -73,7 +73,7 @@ class FacetTables:
         self.vertices_m = columns_m.take(self.vertex_number, axis=1)
         self.normal = np.ascontiguousarray(shape.facet_normals.take(self.number, axis=0).T)
         self.shading_normal = self.normal
-        if body.smooth_normals:
+        if self.surface.body.smooth_normals:
             self.shading_normal = np.ascontiguousarray(self.surface.normals(self.number).T)
         self.albedo_scale = np.broadcast_to(1.0, self.n_facets)
         if not self.surface.is_even:
@@ -88,7 +88,7 @@ class FacetTables:
             float((dot(self.normal, middle_m.take(across, axis=1)) - self.offset_m).max()) <= _FLAT * body.hull.radius_m
             for across in self.neighbours)
         self.horizons = None
-        if self.n_facets >= FEWEST_CENTROIDS and body.brdf is not None:
+        if self.n_facets >= FEWEST_CENTROIDS and self.surface.body.brdf is not None:
             self.horizons = CentroidHorizons.of(middle_m, self.normal, solid, not shape.is_moved)
 
     def face(self, place_m: np.ndarray) -> np.ndarray:

@@ -25,7 +25,6 @@ from ...view.regions import region, touching
 from ...view.state import State
 from ...view.view import BodyView, view_bodies
 from ..image import Image, checked_products
-from ..parts import Parts
 from ..rays.aimed import AimedRays
 from ..rays.emission import Emitted
 from ..rays.engine import RayEngine
@@ -65,18 +64,17 @@ class Cycles:
     options: tuple[str, ...] = ("seed", "bounces", "on_progress")
 
     def __init__(self, scene: Scene, *, bounces: int = 4, deadline_s: float = 600.0, n_threads: int = 0):
-        self._own, self.scene, self._parts = OwnProcess(), scene, Parts(scene)
-        scene = self._drawn = self._parts.drawn
+        self._own, self.scene = OwnProcess(), scene
         self._bounces = integer("bounces", bounces, 0, MAX_BOUNCES)
         self._deadline_s = positive("deadline_s", deadline_s)
         self._n_threads = integer("n_threads", n_threads, 0, 1024)
         self._hulls = scene.hulls
         self._terms = BlenderTerms(scene)
-        self._is_lambert = all(type(body.brdf) is Lambert for body in scene.bodies)
+        self._is_lambert = all(type(law) is Lambert for body in scene.bodies for law in body.laws)
         if scene.lamps and not self._is_lambert:
             raise ConfigError("lamps", "shine on Lambert's law alone in the backend cycles", None,
                               "the backends raytrace and auto draw them with every law")
-        for body in self.scene.bodies:
+        for body in scene.bodies:
             if has_two_faces(body):
                 raise ConfigError("albedo_map" if body.materials is None else "materials",
                                   "must be the same on both sides of a sheet in the backend cycles",
@@ -148,7 +146,6 @@ class Cycles:
         samples = None if samples is None else integer("samples", samples, 1, 128)
         seed = integer("seed", seed, 0, 2**20)
         bounces = self._bounces if bounces is None else integer("bounces", bounces, 0, MAX_BOUNCES)
-        given, state = state, self._parts.state(state, pinhole)
         views = view_bodies(state, pinhole, self._hulls)
         tolerance = rms_tolerance(max_error, views, pinhole)
         roi = region(views, pinhole)
@@ -176,17 +173,14 @@ class Cycles:
         way_out = "leave samples out"
         if samples is None:
             way_out = f"it is out of reach with {MAX_SAMPLES} samples a pixel, of which {most} were drawn"
-        arrays = {}
-        if wanted:
-            arrays = self._parts.products(
-                wanted, lambda names: traced_products(self._ray_engine(), names, pinhole, views, roi))
+        arrays = traced_products(self._ray_engine(), wanted, pinhole, views, roi) if wanted else {}
         left_out = ("light between facets",) if bounces == 0 else ()
-        frame_plan = full_shape_plan(self._drawn, pinhole, views, max_error=max_error, predicted_error=reached, roi=roi,
+        frame_plan = full_shape_plan(self.scene, pinhole, views, max_error=max_error, predicted_error=reached, roi=roi,
                                      warnings=warnings, left_out=left_out, way_out=way_out)
-        frame_plan = self._parts.plan(self._emitted.add(irradiance, state, pinhole, views, frame_plan))
+        frame_plan = self._emitted.add(irradiance, state, pinhole, views, frame_plan)
         took_ms = 1e3 * (time.perf_counter() - began)
         return Image(irradiance_W_m2=irradiance, products=arrays, plan=replace(frame_plan, milliseconds=took_ms),
-                     request=(self.scene, given, pinhole), timings_ms={"trace": took_ms})
+                     request=(self.scene, state, pinhole), timings_ms={"trace": took_ms})
 
     def _missed(self, camera: PinholeCamera, views: list[BodyView], roi: tuple[int, int, int, int], seed: int) -> float:
         """Error of a dark frame: all, where rays of the facets that face Sun and camera find light."""
@@ -212,7 +206,7 @@ class Cycles:
 
     def _shape_ground(self, members: list[BodyView], camera: PinholeCamera) -> None:
         """Give Blender the ground that the camera resolves of bodies with detail."""
-        for index, body in enumerate(self._drawn.bodies):
+        for index, body in enumerate(self._terms.drawn):
             view = next((view for view in members if view.name == body.name), None)
             if body.relief is None or view is None:
                 continue
@@ -275,7 +269,8 @@ def has_two_faces(body: Body) -> bool:
     sheet = np.flatnonzero(other >= 0)
     if body.materials is not None and (body.looks[sheet] != body.looks[other[sheet]]).any():
         return True
-    mapped = np.concatenate([sheet[:0], *(np.intersect1d(sheet, body.facets_of(part)) for part in body.parts
+    mapped = np.concatenate([sheet[:0], *(np.intersect1d(sheet, facets)
+                                          for part, facets in zip(body.parts, body.part_facets, strict=True)
                                           if part.albedo_map is not None)])
     return bool((_uv_by_vertex(shape, mapped) != _uv_by_vertex(shape, other[mapped])).any())
 

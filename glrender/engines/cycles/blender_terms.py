@@ -31,10 +31,15 @@ class BlenderTerms:
     Parameters
     ----------
     scene : Scene
+
+    Attributes
+    ----------
+    drawn : list of Body
+        Bodies of one material each: the parts of the scene's, in its order.
     """
 
     def __init__(self, scene: Scene):
-        self._scene = scene
+        self._scene, self.drawn = scene, [part for body in scene.bodies for part in body.parts]
         hulls = scene.hulls
         self._origin_m = {name: 0.5 * (hull.points_m.min(axis=1) + hull.points_m.max(axis=1))
                           for name, hull in hulls.items()}
@@ -43,7 +48,7 @@ class BlenderTerms:
     def bodies(self) -> tuple[list[dict[str, Any]], dict[str, np.ndarray]]:
         """The head's `bodies` and the arrays of `drawing.Stage`."""
         described, arrays = [], {}
-        for index, body in enumerate(self._scene.bodies):
+        for index, body in enumerate(self.drawn):
             described.append(_described(body))
             for key, array in self.arrays(body).items():
                 arrays[f"{key}/{index}"] = array
@@ -81,10 +86,11 @@ class BlenderTerms:
         main_from_camera = main.camera_from_body.T
         r_camera = main.r_camera_body_m - middle
         bodies = []
-        for view in views:
+        for view, body in zip(views, self._scene.bodies, strict=True):
             rotation = main_from_camera @ view.camera_from_body
             offset = main.r_camera_body_m - middle + rotation @ (self._origin_m[view.name] - view.r_camera_body_m)
-            bodies.append(np.eye(4) if view is main else frames.transform(rotation, offset / unit))
+            matrix = np.eye(4) if view is main else frames.transform(rotation, offset / unit)
+            bodies += [matrix] * len(body.parts)
         middle_camera = main.camera_from_body @ -r_camera
         near, far = min(view.depth_m[0] for view in members), max(view.depth_m[1] for view in members)
         share = _share_of_range(lens, near, far, middle_camera[2])

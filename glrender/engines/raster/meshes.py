@@ -1,9 +1,10 @@
-"""A body in a context: its mesh, and its traits for the planner."""
+"""A body in a context: a mesh of each material, and its traits for the planner."""
 
 from __future__ import annotations
 
 import math
-from functools import cache, partial
+from collections.abc import Iterator
+from functools import cache
 
 import numpy as np
 
@@ -18,24 +19,31 @@ from .gl.mesh import Mesh
 _MOST_PHASE_RAD = 2.6
 
 
-def body_mesh(context: Context, body: Body) -> Mesh:
-    """The body's shape on the device; to be closed."""
-    shape = body.drawn_shape
-    return Mesh(context, shape.vertices_m, shape.facets, body.brdf,
-                vertex_normals=shape.vertex_normals if body.smooth_normals else None,
-                uv=shape.uv, albedo_map=body.albedo_map, is_closed=shape.report.is_watertight)
+def body_meshes(context: Context, body: Body) -> Iterator[Mesh]:
+    """The body's parts on the device; to be closed."""
+    first_facet = 0
+    for part in body.parts:
+        shape = part.drawn_shape
+        yield Mesh(context, shape.vertices_m, shape.facets, part.brdf, first_facet=first_facet,
+                   vertex_normals=shape.vertex_normals if body.smooth_normals else None,
+                   uv=shape.uv, albedo_map=part.albedo_map, is_closed=body.shape.report.is_watertight)
+        first_facet += len(shape.facets)
 
 
 def body_traits(body: Body) -> BodyTraits:
     """The properties of a body that the planner uses."""
     shape = body.drawn_shape
-    areas, slope = shape.facet_areas_m2, cache(partial(view_slope, body.brdf))
+    areas, laws = shape.facet_areas_m2, [part.brdf for part in body.parts]
+
+    @cache
+    def steepest(phase_deg: int) -> float:
+        return max(view_slope(law, min(phase_deg, int(math.degrees(law.max_phase)))) for law in laws)
+
     return BodyTraits(
-        radius_m=body.hull.radius_m, is_convex=body.hull.is_convex, law=body.brdf.glsl,
-        max_phase_rad=body.brdf.max_phase, relief=body.relief, n_facets=len(shape.facets),
-        crease_rad=shape.crease_rad, view_slope=lambda phase_rad: slope(
-            int(math.degrees(min(phase_rad, body.brdf.max_phase, _MOST_PHASE_RAD)))),
-        longest_side_m=shape.longest_side_m,
+        radius_m=body.hull.radius_m, is_convex=body.hull.is_convex, law=body.law_names,
+        max_phase_rad=min(law.max_phase for law in laws), relief=body.relief, n_facets=len(shape.facets),
+        crease_rad=shape.crease_rad, longest_side_m=shape.longest_side_m, is_of_one_look=len(laws) == 1,
+        view_slope=lambda phase_rad: steepest(int(math.degrees(min(phase_rad, _MOST_PHASE_RAD)))),
         facet_m=math.sqrt(float(areas @ areas) / float(areas.sum())) if Surface(body).is_even else math.inf)
 
 

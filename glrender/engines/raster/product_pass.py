@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ...planner.plan import WindowPlan
+from ...scene.scene import Scene
 from .gl.targets import Target
 from .surface_pass import Frame, SurfacePass
 
@@ -19,10 +20,14 @@ class ProductPass:
     target : Target
         Of three times four components.
     surfaces : SurfacePass
+    scene : Scene
     """
 
-    def __init__(self, target: Target, surfaces: SurfacePass):
+    def __init__(self, target: Target, surfaces: SurfacePass, scene: Scene):
         self._target, self._surfaces = target, surfaces
+        # Facets are drawn part by part.
+        self._facets = {index: np.concatenate(body.part_facets) for index, body in enumerate(scene.bodies)
+                        if len(body.parts) > 1}
 
     def draw(self, wanted: Sequence[str], frame: Frame, windows: Sequence[WindowPlan]) -> dict[str, np.ndarray]:
         """Products by name, (height, width) each."""
@@ -38,6 +43,9 @@ class ProductPass:
         body_id = identity[..., 0].astype(np.int32) - 1
         beside = body_id < 0
         facet_id = np.where(beside, -1, identity[..., 1] + 4096.0 * identity[..., 2]).astype(np.int32)
+        for index, number in self._facets.items():
+            here = body_id == index
+            facet_id[here] = number[facet_id[here]]
         origin_range_m = np.array([0.0 if body.relative_to_camera else view.range_m
                                    for view, body in zip(frame.views, frame.bodies, strict=True)] + [np.nan])
         centre_m = np.array([*(view.centre_m for view in frame.views), np.full(3, np.nan)])

@@ -79,18 +79,18 @@ class Shadows:
 
         A single one where there are none: no shadow is looked up then.
         """
-        mesh = self._bodies[view.name].mesh
+        shape = self._bodies[view.name].body.drawn_shape
         camera = camera.rectilinear
         clip = frames.clip_from_camera(camera.focal_length_px, camera.principal_point_px, camera.bounds_px,
                                        *view.depth_m) @ frames.transform(view.camera_from_body,
                                                                          -view.camera_from_body @ view.r_camera_body_m)
-        x, y, _, w = clip[:, :3] @ mesh.vertices_m.T + clip[:, 3:]
+        x, y, _, w = clip[:, :3] @ shape.vertices_m.T + clip[:, 3:]
         beside = np.stack([x > w, x < -w, y > w, y < -w], axis=1)
-        facets = mesh.facets[~beside[mesh.facets].all(axis=1).any(axis=1)]
-        normal, corner_m = area_vectors(mesh.vertices_m, facets), mesh.vertices_m[facets]
+        facets = shape.facets[~beside[shape.facets].all(axis=1).any(axis=1)]
+        normal, corner_m = area_vectors(shape.vertices_m, facets), shape.vertices_m[facets]
         shown = ((normal @ view.sun_direction_body > 0.0)
                  & (np.einsum("fx,fx->f", normal, view.r_camera_body_m - corner_m[:, 0]) > 0.0))
-        return sun_from_body @ (corner_m[shown].reshape(-1, 3).T if shown.any() else mesh.vertices_m[:1].T)
+        return sun_from_body @ (corner_m[shown].reshape(-1, 3).T if shown.any() else shape.vertices_m[:1].T)
 
     def draw(self, views: Sequence[BodyView], bodies: Sequence[BodyPlan],
              camera: PinholeCamera, names: Container[str] | None = None, *, is_whole: bool = False
@@ -133,7 +133,8 @@ class Shadows:
                 self._maps.move_to_end(key)
             else:
                 shadow_map = self._map_to_fill(size_px)
-                shadow_map.draw([(self._bodies[name].mesh, clip @ matrix) for name, matrix in cast], size_px)
+                shadow_map.draw([(mesh, clip @ matrix) for name, matrix in cast
+                                 for mesh in self._bodies[name].meshes], size_px)
                 self._maps[key] = shadow_map
             shadow_map = self._maps[key]
             shadows[view.name] = Shadow(

@@ -111,15 +111,16 @@ class SurfacePass:
             relief = {**prepared.body.relief.uniforms(r_camera + offset, footprint_m),
                       "footprint_per_m": 1.0 / camera.focal_length_px}
         high = r_camera.astype(np.float32)
-        prepared.mesh.draw_surface(
-            stage,
-            SurfaceVariant(relative_to_camera=body_plan.relative_to_camera, normal_lookup=body_plan.normal_lookup,
-                           shadows=shadow.shadow_map is not None, relief=relief is not None),
-            {"clip_from_surface": clip_from_surface, "shadow_from_body": shadow.shadow_from_body,
-             "r_camera_body": high, "r_camera_body_low": r_camera - high,
-             "sun_direction_body": view.sun_direction_body, "boresight_body": view.camera_from_body[2],
-             "irradiance_scale": solar_irradiance / camera.focal_length_px**2,
-             "shadow_bias_per_texel": shadow.bias_per_texel,
-             "sun_radius_rad": view.sun_radius_rad if self._scene.sun_disc else 0.0,
-             "body_id": prepared.index},
-            shadow.shadow_map and shadow.shadow_map.texture, relief)
+        variant = SurfaceVariant(
+            relative_to_camera=body_plan.relative_to_camera, normal_lookup=body_plan.normal_lookup,
+            shadows=shadow.shadow_map is not None, relief=relief is not None)
+        values = {
+            "clip_from_surface": clip_from_surface, "shadow_from_body": shadow.shadow_from_body,
+            "r_camera_body": high, "r_camera_body_low": r_camera - high,
+            "sun_direction_body": view.sun_direction_body, "boresight_body": view.camera_from_body[2],
+            "irradiance_scale": solar_irradiance / camera.focal_length_px**2,
+            "shadow_bias_per_texel": shadow.bias_per_texel,
+            "sun_radius_rad": view.sun_radius_rad if self._scene.sun_disc else 0.0,
+            "body_id": prepared.index}
+        for mesh in prepared.meshes:
+            mesh.draw_surface(stage, variant, values, shadow.shadow_map and shadow.shadow_map.texture, relief)

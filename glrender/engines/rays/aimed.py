@@ -64,7 +64,6 @@ class AimedRays:
         self._roi, (x0, y0, x1, y1), self._has_lamps = roi, roi, bool(engine.scene.lamps)
         self._shared = shared
         self.shape = (y1 - y0, x1 - x0)
-        views = list(engine.blockers(views))
         self._bodies = [_FacingFacets(engine, camera, view, views, roi) for view in views if view.is_visible]
 
     @property

@@ -29,7 +29,6 @@ from ...view.regions import region
 from ...view.state import State
 from ...view.view import BodyView, view_bodies
 from ..image import Image, checked_products
-from ..parts import Parts
 from .aimed import AimedRays
 from .emission import Emitted
 from .engine import RayEngine
@@ -66,9 +65,9 @@ class RayTracer:
     options: tuple[str, ...] = ("seed", "on_progress")
 
     def __init__(self, scene: Scene):
-        self._own, self.scene, self._parts = OwnProcess(), scene, Parts(scene)
+        self._own, self.scene = OwnProcess(), scene
         self._engine, self._left_out = RayEngine(scene), between_walls(scene)
-        self._emitted = Emitted(self._parts.drawn, lambda: self._engine)
+        self._emitted = Emitted(scene, lambda: self._engine)
 
     def __enter__(self) -> RayTracer:
         return self
@@ -124,8 +123,7 @@ class RayTracer:
         max_error = self.scene.max_error if max_error is None else checked_max_error(max_error)
         if samples is not None:
             samples = integer("samples", samples, 1, 256)
-        given, state = state, self._parts.state(state, pinhole)
-        views = view_bodies(state, pinhole, self._parts.drawn.hulls)
+        views = view_bodies(state, pinhole, self.scene.hulls)
         tolerance = rms_tolerance(max_error, views, pinhole)
         roi = region(views, pinhole)
         irradiance = np.zeros((pinhole.height_px, pinhole.width_px), np.float32)
@@ -139,14 +137,14 @@ class RayTracer:
         else:
             mean, reached = _until(rays, aimed, is_thin, tolerance, rng, Progress(on_progress))
         irradiance[y0:y1, x0:x1] = mean
-        arrays = self._parts.products(wanted, lambda names: traced_products(self._engine, names, pinhole, views, roi))
+        arrays = traced_products(self._engine, wanted, pinhole, views, roi)
         way_out = "leave samples out" if samples is not None else _TOO_FEW if mean.any() else _DARK
-        frame_plan = full_shape_plan(self._parts.drawn, pinhole, views, max_error=max_error, predicted_error=reached,
+        frame_plan = full_shape_plan(self.scene, pinhole, views, max_error=max_error, predicted_error=reached,
                                      roi=roi, way_out=way_out, left_out=self._left_out)
-        frame_plan = self._parts.plan(self._emitted.add(irradiance, state, pinhole, views, frame_plan))
+        frame_plan = self._emitted.add(irradiance, state, pinhole, views, frame_plan)
         took_ms = 1e3 * (time.perf_counter() - began)
         return Image(irradiance_W_m2=irradiance, products=arrays, plan=replace(frame_plan, milliseconds=took_ms),
-                     request=(self.scene, given, pinhole), timings_ms={"trace": took_ms})
+                     request=(self.scene, state, pinhole), timings_ms={"trace": took_ms})
 
 
 def _is_thin(view: BodyView) -> bool:

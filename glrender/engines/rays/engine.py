@@ -7,10 +7,8 @@ the OpenGL passes.
 from __future__ import annotations
 
 import math
-import operator
 import threading
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -18,7 +16,6 @@ import numpy as np
 from glrender_camera import PinholeCamera, threads
 
 from ...base.rotations import angle_between, sun_from_body
-from ...scene.body import owner
 from ...scene.lamp import ALL_ROUND_DEG, Lamp
 from ...scene.scene import Body, Scene
 from ...scene.shape.facet_blocks import FacetBlocks
@@ -67,13 +64,6 @@ class RayEngine:
     ----------
     scene : Scene
 
-    Attributes
-    ----------
-    scene : Scene
-        Of its bodies' parts, as views are.
-    wholes : tuple of Body
-        Its bodies, or the part of one that has no other.
-
     Raises
     ------
     DeviceError
@@ -81,19 +71,18 @@ class RayEngine:
     """
 
     def __init__(self, scene: Scene):
-        self.scene, self.wholes = scene.of_parts, tuple(map(_whole, scene.bodies))
-        self._solids = {body.name: _Solid(body) for body in self.wholes}
-        self._blockers_of: tuple[tuple[BodyView, ...], list[BodyView]] = ((), [])
+        self.scene = scene
+        self._solids = {body.name: _Solid(body) for body in scene.bodies}
         self._near: dict[str, NearMesh] = {}
         self._lock = threading.Lock()
 
     def solid(self, name: str) -> RayMesh:
-        """The full shape of one of `wholes`."""
+        """The full shape of a body."""
         return self._solids[name]
 
     def near_bytes(self, views: Sequence[BodyView]) -> int:
         """Memory [byte] of the facets near a frame's camera: `NearMesh.memory_bytes`."""
-        nears = [(view, self._near.get(view.name)) for view in self.blockers(views)]
+        nears = [(view, self._near.get(view.name)) for view in views]
         return sum(near.memory_bytes for view, near in nears if near is not None and near.is_at(view.r_camera_body_m))
 
     def close(self) -> None:
@@ -222,7 +211,7 @@ class RayEngine:
         """
         found, by, own = np.full(len(facet), np.inf), np.full(len(facet), -1), self._mesh(view)
         above = r_body_m + own.lift_m(r_body_m, facet, LIFT) * own.normals.take(facet, axis=0).T
-        for other in self.blockers(views):
+        for other in views:
             turn, shift_m = between(view, other)
             rays = np.broadcast_to(turn @ towards, above.shape)
             hits = self._mesh(other).first(turn @ above + shift_m[:, None], rays, sides)
@@ -239,12 +228,9 @@ class RayEngine:
         def look(part: slice) -> None:
             for view, hits in self._first(camera.directions(pixel[part]).T, views):
                 normal, ray = hits.normal.T, hits.ray.T
-                surface = self._solids[view.name].surface
-                of_body, number = surface.in_parts(hits.facet)
-                index = np.array([names.get(each.name, -1) for each in surface.body.parts]).take(of_body)
                 facing, *_, is_lit = self._facing(hits, view, views)
                 made["sunlit"][part][facing.place] = is_lit
-                values = {"range": hits.distance_m, "body_id": index, "facet_id": number,
+                values = {"range": hits.distance_m, "body_id": names[view.name], "facet_id": hits.facet,
                           "incidence": angle_between(normal, view.sun_direction_body),
                           "emission": angle_between(normal, -ray),
                           "phase": angle_between(-ray, view.sun_direction_body),
@@ -352,9 +338,8 @@ class RayEngine:
 
     def _first(self, ray_camera: np.ndarray, views: Sequence[BodyView]) -> list[tuple[BodyView, Hits]]:
         """First hits of rays (3, N) from the camera: those of each body that no other body hides."""
-        met = [(view, self._of_seen(self._mesh(view).first(
-            view.r_camera_body_m, view.camera_from_body.T @ ray_camera, FACING), view, views))
-               for view in self.blockers(views) if view.is_visible]
+        met = [(view, self._mesh(view).first(view.r_camera_body_m, view.camera_from_body.T @ ray_camera, FACING))
+               for view in views if view.is_visible]
         if len(met) < 2:
             return met
         nearest, body = np.full(ray_camera.shape[1], np.inf), np.full(ray_camera.shape[1], -1)
@@ -363,31 +348,6 @@ class RayEngine:
             place = hits.place[nearer]
             nearest[place], body[place] = hits.distance_m[nearer], index
         return [(view, hits.at(np.flatnonzero(body[hits.place] == index))) for index, (view, hits) in enumerate(met)]
-
-    def _of_seen(self, hits: Hits, view: BodyView, views: Sequence[BodyView]) -> Hits:
-        """Hits on those parts of a body that are seen."""
-        surface = self._solids[view.name].surface
-        seen = {each.name for each in views if each.is_visible}
-        is_seen = np.array([part.name in seen for part in surface.body.parts])
-        return hits if is_seen.all() else hits.at(np.flatnonzero(is_seen.take(surface.in_parts(hits.facet)[0])))
-
-    def blockers(self, views: Sequence[BodyView]) -> Sequence[BodyView]:
-        """Views of what may be in a ray's way: of a body of parts the whole, met once, by its finest view."""
-        if len(self.wholes) == len(self.scene.bodies):
-            return views
-        known, made = self._blockers_of
-        if len(known) == len(views) and all(map(operator.is_, known, views)):
-            return made
-        by_name: dict[str, list[BodyView]] = {}
-        for view in views:
-            by_name.setdefault(self.whole(view.name), []).append(view)
-        made = [some[0] if some[0].name == name else _joined(name, some) for name, some in by_name.items()]
-        self._blockers_of = tuple(views), made
-        return made
-
-    def whole(self, name: str) -> str:
-        """The name of what rays meet of a body or a part: the part itself where its body has no other."""
-        return owner(name) if owner(name) in self._solids else name
 
     def _mesh(self, view: BodyView) -> RayMesh:
         """A body's full shape, for a camera so near that its own float32 coordinates may be too coarse for pixels."""
@@ -411,7 +371,7 @@ class RayEngine:
         (N,). Other bodies may touch it.
         """
         is_free = np.ones(above.shape[1], bool)
-        for other in self.blockers(views):
+        for other in views:
             is_own = other.name == view.name
             rest = np.flatnonzero(is_free & ~is_open if is_own and is_open is not None else is_free)
             rotation, offset = between(view, other)
@@ -423,20 +383,6 @@ class RayEngine:
             is_free[rest] = ~self._mesh(other).blocks(
                 place.T, direction.T, reach_m if len(reach_m) == 1 else reach_m.take(rest), sides)
         return is_free
-
-
-def _whole(body: Body) -> Body:
-    """A body, or the part of one that has no other."""
-    return body if len(body.parts) > 1 else body.parts[0]
-
-
-def _joined(name: str, parts: Sequence[BodyView]) -> BodyView:
-    """The view of the body of parts: the finest of theirs, with the box around those that are seen."""
-    boxes = [part.bounds_px for part in parts if part.is_visible]
-    bounds_px = None if not boxes or any(box is None for box in boxes) else np.concatenate(
-        [np.min(boxes, axis=0)[:2], np.max(boxes, axis=0)[2:]])
-    return replace(min(parts, key=lambda part: part.footprint_m), name=name, bounds_px=bounds_px,
-                   is_visible=bool(boxes))
 
 
 class _Solid(RayMesh):

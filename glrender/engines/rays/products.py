@@ -31,7 +31,7 @@ def full_shape_plan(scene: Scene, camera: PinholeCamera, views: list[BodyView], 
         predicted_error=predicted_error, asked=by_unit(max_error), left_out=left_out, warnings=warnings,
         navigation=frame_errors([(group, "rays", predicted_error, 0.0) for group in groups]),
         bodies=tuple(BodyPlan(
-            name=view.name, is_visible=view.is_visible, n_facets=len(body.shape.facets), law=body.brdf.glsl,
+            name=view.name, is_visible=view.is_visible, n_facets=len(body.shape.facets), law=body.law_names,
             shadow_map_px=None, shadow_map_reused=False, relative_to_camera=True, normal_lookup=True,
             size_px=view.size_px) for view, body in zip(views, scene.bodies, strict=True)))
     return replace(made, warnings=(*warnings, *made.misses().values()))

@@ -1,4 +1,4 @@
-"""A body in a context: its buffers, and how they are drawn, as a surface or from the Sun.
+"""A body in a context, or a part of it: its buffers, and how they are drawn, as a surface or from the Sun.
 
 Bindings are global in GL, so every draw binds all that it reads.
 """
@@ -30,6 +30,7 @@ SURFACE_BLOCK = UniformBlock("Surface", {
     "shadow_bias_per_texel": "float",
     "sun_radius_rad": "float",
     "body_id": "int",
+    "first_facet": "int",
 })
 RELIEF_BLOCK = UniformBlock("Relief", {
     "relief_layers": f"vec4[{5 * 64}]",
@@ -83,13 +84,15 @@ class Mesh(ResourceOwner):
         Factor on the law's albedo, row 0 on top.
     is_closed : bool
         Of an open surface facets that face away from the Sun cast shadows too: nothing else may stand sunward.
+    first_facet : int
+        Number of the first facet among those of the body's parts, one part after the other.
     """
 
     def __init__(self, context: Context, vertices_m: np.ndarray, facets: np.ndarray, law: Law, *,
                  vertex_normals: np.ndarray | None = None, uv: np.ndarray | None = None,
-                 albedo_map: np.ndarray | None = None, is_closed: bool = True):
+                 albedo_map: np.ndarray | None = None, is_closed: bool = True, first_facet: int = 0):
         super().__init__(context)
-        self.law, self.n_facets, self.is_closed = law, len(facets), is_closed
+        self.law, self.first_facet, self.is_closed = law, first_facet, is_closed
         self.smooth_normals = vertex_normals is not None
         self.vertices_m, self.facets = vertices_m, facets
         context.make_current()
@@ -160,7 +163,7 @@ class Mesh(ResourceOwner):
         if variant.relative_to_camera and self._position_low is None:
             self._position_low = self.own(context.gl.buffer(self._low_values.astype(np.float32)))
         program = _surface_program(context, stage, variant, self)
-        self._surface_uniforms.write(SURFACE_BLOCK.pack(values))
+        self._surface_uniforms.write(SURFACE_BLOCK.pack({**values, "first_facet": self.first_facet}))
         self._surface_uniforms.bind_to_uniform_block(_BODY_BINDING)
         if variant.relief:
             if self._relief_uniforms is None:
