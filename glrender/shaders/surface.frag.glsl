@@ -19,13 +19,14 @@ void main()
     vec3 normal = surface_normal(geometric_normal, to_camera);
     float cos_incidence = dot(geometric_normal, sun_direction_body);
     float above = cos_incidence > 0.0 ? 1.0 : 0.0;
-#if SMOOTH_NORMALS || HAS_RELIEF
-    // Normals lean away from the facet's: what of the Sun's disc is above the facet's plane lights it.
+    vec3 to_sun = sun_direction_body;
     if (abs(cos_incidence) < sun_radius_rad) {
-        float height = cos_incidence / sun_radius_rad;
-        above = 0.5 + (asin(height) + height * sqrt(1.0 - height * height)) / PI;
+        // What of the Sun's disc is above the facet's plane lights it, from the middle of that segment.
+        float height = cos_incidence / sun_radius_rad, across = sqrt(1.0 - height * height);
+        above = 0.5 + (asin(height) + height * across) / PI;
+        float middle = min(across * across * across / (1.5 * PI * max(above, 1e-6)), 1.0);
+        to_sun += sun_radius_rad * middle * geometric_normal;
     }
-#endif
     float lit = above > 0.0 ? above * sunlit(cos_incidence) : 0.0;
 #if HAS_ALBEDO_TEXTURE
     albedo_scale = texture(albedo_texture, uv).r;
@@ -33,9 +34,9 @@ void main()
 #if HAS_RELIEF
     normal = relief_normal(normal, r_surface, length(camera_offset()) * footprint_per_m, to_camera);
 #endif
-    float value = brdf(sun_direction_body, to_camera, normal, albedo_scale);
+    float value = brdf(to_sun, to_camera, normal, albedo_scale);
     // A pixel's solid angle falls off as cos^3 of its angle from the boresight.
     float cos_boresight = -dot(to_camera, boresight_body);
-    irradiance = lit * value * max(dot(normal, sun_direction_body), 0.0) * irradiance_scale
+    irradiance = lit * value * max(dot(normal, to_sun), 0.0) * irradiance_scale
         * cos_boresight * cos_boresight * cos_boresight;
 }

@@ -288,20 +288,25 @@ def test_smooth_normals_leave_no_black_limb():
     assert (image.irradiance_W_m2[image.products["body_id"] == 0] > 0.0).all()
 
 
+@pytest.mark.parametrize("is_smooth", [False, True])
 @pytest.mark.parametrize("height", [-0.5, 0.0, 0.5])
-def test_a_smooth_face_is_lit_by_what_of_the_suns_disc_is_above_it(height):
-    """A cube's face whose plane cuts the Sun's disc, at a height in its radii: the segment's share of a point Sun's."""
+def test_a_face_is_lit_by_what_of_the_suns_disc_is_above_it(height, is_smooth):
+    """A cube's face whose plane cuts the Sun's disc, at a height in its radii: closed form of the segment.
+
+    A smooth face has the segment's share of a point Sun's light, a flat one its cosines.
+    """
     body = Body(name="body", shape=Shape.from_arrays(*solids.box((-50.0,) * 3, (50.0,) * 3)),
-                brdf=Lambert(normal_albedo=0.3), smooth_normals=True)
-    cosine = height * SUN_RADIUS_M / AU_M
-    total = []
-    for sun_disc, phase_rad in ((True, np.arccos(cosine)), (False, np.arccos(abs(cosine) + 1e-5))):
+                brdf=Lambert(normal_albedo=0.3), smooth_normals=is_smooth)
+    radius_rad = SUN_RADIUS_M / AU_M
+    cosine, total = (abs(height) * radius_rad + 1e-5 if is_smooth else 0.01), []
+    for sun_disc, phase_rad in ((True, np.arccos(height * radius_rad)), (False, np.arccos(cosine))):
         state = views.state(phase_deg=np.degrees(phase_rad), direction=(0.0, 0.0, 1.0))
         with Renderer(views.scene([body], [views.camera(96)], sun_disc=sun_disc)) as renderer:
             total.append(renderer.render(state, samples=4, engine="raster").irradiance_W_m2.sum(dtype=float))
-    above = np.linspace(-1.0, height, 100001)
-    share = np.trapezoid(np.sqrt(1.0 - above**2), above) / (0.5 * np.pi)
-    np.testing.assert_allclose(total[0] / total[1], share, rtol=0.015)
+    above = np.linspace(-height, 1.0, 100001)
+    light = 1.0 if is_smooth else radius_rad * (height + above) / cosine
+    expected = np.trapezoid(light * np.sqrt(1.0 - above**2), above) / (0.5 * np.pi)
+    np.testing.assert_allclose(total[0] / total[1], expected, rtol=0.015)
 
 
 def test_an_albedo_texture_scales_the_albedo(shared):
