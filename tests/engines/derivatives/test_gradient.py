@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pillar
@@ -14,6 +15,7 @@ from glrender import Body, Renderer, Shape, generate
 from glrender.base.errors import ConfigError
 from glrender.brdf import Hapke, Lambert
 from moved_states import from_its_camera
+from scipy.ndimage import gaussian_filter
 
 LAW = Hapke(single_scattering_albedo=0.3, b=0.3, c=0.4, roughness_deg=20.0)
 CAMERA = views.camera(24, 2000.0)
@@ -123,3 +125,28 @@ def test_nothing_lit_is_zero_and_texture_is_refused():
     with Renderer(views.scene([smooth], [views.camera(24, 200.0)], sun_disc=False)) as renderer:
         with pytest.raises(ConfigError, match="smooth_normals=False"):
             renderer.gradient(views.state(phase_deg=60.0, range_m=2000.0), np.ones((24, 24)))
+
+
+@pytest.mark.slow
+def test_heights_over_a_rough_body_move_its_shadows():
+    """Fields over all of Itokawa and bumps, against differences of frames, which divide its facets anew."""
+    path = Path(__file__).parents[2] / "data" / "itokawa" / "itokawa_16q_3072.obj"
+    shape, camera, rng = Shape.from_file(path, length_unit="km"), views.camera(128, 1000.0), np.random.default_rng(0)
+    state, px_m = views.state(phase_deg=60.0, range_m=20.0 * shape.radius_m), 0.02 * shape.radius_m
+    smooth, r = gaussian_filter(rng.normal(size=(128, 128)), 4.0), shape.vertices_m / shape.radius_m
+    fields = [np.cos(r @ (4.4 * rng.standard_normal(3)) + rng.uniform(0.0, 2.0 * np.pi)) for _ in range(6)]
+    fields += [np.exp(-20.0 * ((r - at) ** 2).sum(axis=1)) for at in r[rng.choice(len(r), 12)]]
+
+    def gradient(moved):
+        body = Body(name="body", shape=moved, brdf=Lambert(normal_albedo=0.3))
+        with Renderer(views.scene([body], [camera], sun_disc=False)) as renderer:
+            return renderer.gradient(state, smooth, max_error=0.02)
+
+    def light(field, side):
+        moved_m = shape.vertices_m + side * 0.01 * px_m * field[:, None] * shape.vertex_normals
+        return float((smooth * gradient(shape.with_vertices(moved_m)).irradiance_W_m2).sum())
+
+    expected = np.array([light(field, 1.0) - light(field, -1.0) for field in fields]) / (0.02 * px_m)
+    found = np.array(fields) @ gradient(shape)["body"].heights_m
+    assert np.linalg.norm(found - expected) < 0.03 * np.linalg.norm(expected)
+    assert np.corrcoef(found, expected)[0, 1] > 0.999
