@@ -8,7 +8,7 @@ to which the radial part rises is found at load, and nothing outside it is accep
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -67,6 +67,9 @@ class BrownConrady:
     @classmethod
     def from_dict(cls, table: Mapping[str, Any]) -> BrownConrady:
         """From plain data; unknown keys are refused by name."""
+        if isinstance(table, Sequence) and not isinstance(table, str):
+            raise ConfigError("", "must be a table", table, "OpenCV's order is k1, k2, p1, p2, k3, k4, k5, k6: "
+                              "write { k1 = ..., k2 = ... }, or in Python BrownConrady.from_opencv")
         known_keys("", table, [f.name for f in fields(cls)])
         return cls(**table)
 

@@ -54,7 +54,8 @@ def within(name: str, value: object, low: float, high: float) -> float:
     """A finite number in the closed interval [low, high]."""
     number = finite(name, value)
     if not low <= number <= high:
-        raise ConfigError(name, f"must be between {low:g} and {high:g}", value)
+        percent = f"{number:g} % is {number / 100.0:g}" if low == 0.0 and high == 1.0 and 2.0 <= number <= 100.0 else ""
+        raise ConfigError(name, f"must be between {low:g} and {high:g}", value, percent)
     return number
 
 

@@ -227,6 +227,9 @@ def _out_of_view(state: State, camera: PinholeCamera, views: Sequence[BodyView])
     way_out = "check state.spacecraft.q_from_inertial: the camera looks along its +Z"
     if not np.allclose(np.abs(camera.q_camera_from_spacecraft), (1.0, 0.0, 0.0, 0.0)):
         way_out += ", turned by its q_camera_from_spacecraft"
+    cx, cy = camera.principal_point_px
+    if not (-0.5 <= cx <= camera.width_px - 0.5 and -0.5 <= cy <= camera.height_px - 0.5):
+        way_out += f", and its principal_point_px, [{cx:g}, {cy:g}], is outside the image"
     if other := _attitude_in_view(state, camera, nearest.name):
         way_out += f"; {other} has it in view"
     return Advice("behind_camera" if is_behind else "out_of_view", "state.spacecraft.q_from_inertial",

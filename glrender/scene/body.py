@@ -150,7 +150,8 @@ class Body:
             if not isinstance(law, Law):
                 raise ConfigError(f"materials.{name}", "must be a law of glrender.brdf", law)
         if not known:
-            raise ConfigError("brdf", "missing", hint="the law of a shape whose file has no materials")
+            raise ConfigError("brdf", "missing", hint="this shape's file has no materials: give a law, as "
+                              '{ law = "lambert", normal_albedo = 0.1 }')
         for key in ("albedo_map", "detail"):
             if getattr(self, key) is not None:
                 raise ConfigError(key, "goes with brdf: this body has the materials of its file", hint="give brdf too")

@@ -14,6 +14,9 @@ from .solar_irradiance import box_irradiance_1au_W_m2, solar_spectrum
 GAIN_RATIO = 5.0
 """Ratio, either way, of a full well to what the bits hold [DN] from which on the gain is doubted: of the detectors of
 Cassini, LORRI, AMICA, ONC and OSIRIS in their usual states it is below 3."""
+WIDEST_CORNER_DEG = 70.0
+"""Likely angle [deg] of an undistorted image's farthest corner off the boresight, at most: the widest rectilinear
+lenses for 43 mm of detector, of 9 mm, reach 67.5."""
 IRRADIANCE_OFF = 0.2
 """Share by which a solar irradiance may differ from E490's in the band: other spectra differ by some per cent, the
 edges of a filter move it by ten."""
@@ -32,6 +35,12 @@ def camera_doubts(index: int, camera: PinholeCamera, solar_irradiance_1au_W_m2: 
     """
     path, given_W_m2 = f"cameras[{index}]", solar_irradiance_1au_W_m2
     found = improbable("camera", camera, path)
+    corner_deg = math.degrees(math.acos(camera.least_cosine))
+    if camera.distortion is None and corner_deg > WIDEST_CORNER_DEG:
+        found.append(doubt(
+            f"{path}.focal_length_px", f"puts the farthest corner {corner_deg:.3g} deg off the boresight, where it is "
+            f"likely at most {WIDEST_CORNER_DEG:g} deg", camera.focal_length_px, "it is focal length over pixel "
+            "pitch: 100 mm and 10 um make 10000; principal_point_px is from the first pixel's centre"))
     for band_path, band in _bands(path, camera):
         found += improbable("optics", band.optics, f"{band_path}")
         if given_W_m2 is not None:

@@ -83,7 +83,8 @@ def read_toml(path: Path) -> dict[str, Any]:
 def tables(path: str, value: object) -> Sequence[Mapping[str, Any]]:
     """A list of tables that is not empty."""
     if not isinstance(value, Sequence) or isinstance(value, str) or not value:
-        raise ConfigError(path, "must be a list of tables that is not empty", value)
+        raise ConfigError(path, "must be a list of tables that is not empty", value,
+                          f"in a file write [[{path.rpartition('.')[2]}]]" if isinstance(value, Mapping) else "")
     return value
 
 
@@ -160,7 +161,9 @@ def read_law(table: object, path: str) -> Law:
     if isinstance(table, Mapping) and "preset" in table:
         known_keys(path, table, ("preset",))
         return PRESETS[one_of(f"{path}.preset", table["preset"], sorted(PRESETS))].law
-    if not isinstance(table, Mapping) or "law" not in table:
+    if not isinstance(table, Mapping):
+        raise ConfigError(path, "must be a table", table, 'as { law = "lambert", normal_albedo = 0.1 }')
+    if "law" not in table:
         raise ConfigError(f"{path}.law", "missing", hint=f"one of {', '.join(sorted(laws()))}, or a `preset`")
     law = laws()[one_of(f"{path}.law", table["law"], sorted(laws()))]
     arguments = {key: tuple(value) if isinstance(value, list) else value

@@ -57,6 +57,7 @@ def told(table):
     ((), {"solar_irradiance_1au_W_m2": 0.7152}, "solar_irradiance_1au_W_m2", "leave it out"),
     (("cameras", 0), {"r_camera_spacecraft_m": [350.0, 0.0, 120.0]}, "cameras[0].r_camera_spacecraft_m",
      "is likely at most 100 m (the longest boom in space had 60 m), got [350, 0, 120]; in mm? then write [0.35,"),
+    (("cameras", 0), {"focal_length_px": 0.1}, "cameras[0].focal_length_px", "got 0.1; it is the focal length over"),
 ])
 def test_an_improbable_field_is_told_with_its_way_out(place, fields, path, piece):
     (said,) = told(changed(place, **fields))

@@ -49,7 +49,8 @@ def read_shape_file(path: Path, max_facets: int, surface: int | None = None) -> 
     try:
         is_folder, size = path.is_dir(), path.stat().st_size
     except OSError as error:
-        raise ShapeError("", f"cannot be read: {error.strerror}", str(path)) from None
+        raise ShapeError("", f"cannot be read: {error.strerror}", str(path),
+                         "names in a scene file are relative to its folder" * (not path.is_absolute())) from None
     except ValueError as error:  # a NUL in the name
         raise ShapeError("", f"cannot be read: {error}", str(path)) from None
     if is_folder:
