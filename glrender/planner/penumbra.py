@@ -10,6 +10,7 @@ import numpy as np
 
 from ..base.rotations import sun_from_body
 from ..scene.shape.convex_hull import Hull
+from ..view.occluders import Caster
 from ..view.sun_disc import on_disc
 from ..view.view import BodyView
 from .error_budget import PENUMBRA_SHARE, Budget
@@ -35,8 +36,6 @@ _WITHIN = 0.3
 _LEAST_PX, _LEAST = 0.25, 0.02
 # Least and largest share of the light [1] that an eclipse may leave: it is computed for spheres, not for the shapes.
 _LEAST_LIGHT, _MOST_LIGHT = 0.02, 0.5
-
-_Caster = tuple[str, np.ndarray, np.ndarray]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,14 +78,14 @@ class Penumbra:
         return min(self.eclipse_px / max(size_px, 1e-9), 1.0) * (1.0 - left) / left
 
 
-def penumbra_of(view: BodyView, cast: Sequence[_Caster], hulls: Mapping[str, Hull],
+def penumbra_of(view: BodyView, cast: Sequence[Caster], hulls: Mapping[str, Hull],
                 sun_radius_rad: float) -> Penumbra:
     """The penumbras on a body.
 
     Parameters
     ----------
     view : BodyView
-    cast : sequence of (str, (3, 3) array, (3,) array [m])
+    cast : sequence of Caster
         Bodies that may cast a shadow on it: `occluders.casters`.
     hulls : mapping of str to Hull
     sun_radius_rad : float [rad]
@@ -122,7 +121,7 @@ def _own(view: BodyView) -> tuple[float, float]:
     return error, _OWN_WIDTH * size_px / view.sun_distance_au
 
 
-def _cast(receiver: BodyView, cast: Sequence[_Caster], hulls: Mapping[str, Hull],
+def _cast(receiver: BodyView, cast: Sequence[Caster], hulls: Mapping[str, Hull],
           sun_radius_rad: float) -> tuple[float, float, float]:
     """RMS error [1] of hard edges in place of the casters' penumbras, over the mean of the lit pixels; widest [px].
 
@@ -131,9 +130,9 @@ def _cast(receiver: BodyView, cast: Sequence[_Caster], hulls: Mapping[str, Hull]
     """
     squared = annular = widest_px = 0.0
     radius_px = hulls[receiver.name].radius_m / receiver.footprint_m
-    for name, _, offset_m in cast:
-        sunward_m = max(float(offset_m @ receiver.sun_direction_body), 0.0)
-        caster_px = hulls[name].radius_m / receiver.footprint_m
+    for caster in cast:
+        sunward_m = max(float(caster.shift_m @ receiver.sun_direction_body), 0.0)
+        caster_px = hulls[caster.name].radius_m / receiver.footprint_m
         eclipse_px, caster_wide_px = 2.0 * sun_radius_rad * sunward_m / receiver.footprint_m, 2.0 * max(caster_px, 1e-9)
         wide_px, edge_px = min(eclipse_px, caster_wide_px), 2.0 * math.pi * min(caster_px, radius_px)
         of_caster = _HARD_EDGE**2 * edge_px * wide_px * min(wide_px, 1.0) ** 2 / 12.0
@@ -143,7 +142,7 @@ def _cast(receiver: BodyView, cast: Sequence[_Caster], hulls: Mapping[str, Hull]
     return *(min(math.sqrt(each / max(lit_px, 1e-9)), 1.0) for each in (squared, annular)), widest_px
 
 
-def _eclipse(receiver: BodyView, cast: Sequence[_Caster], hulls: Mapping[str, Hull],
+def _eclipse(receiver: BodyView, cast: Sequence[Caster], hulls: Mapping[str, Hull],
              sun_radius_rad: float) -> tuple[float, float, float]:
     """Share of the light [1] that casters leave, error of the total [1] with hard edges, and the widest penumbra [m].
 
@@ -156,8 +155,8 @@ def _eclipse(receiver: BodyView, cast: Sequence[_Caster], hulls: Mapping[str, Hu
     edge_m = hull.radius_m * max(0.5 * math.sqrt(math.pi / _POINTS) * math.cos(0.5 * receiver.phase_rad), 1.0 / _POINTS)
     places = (0.0, -_ASIDE, _ASIDE)
     (soft, hard), width_m = np.ones((2, len(places), len(light))), 0.0
-    for name, _, offset_m in cast:
-        caster_m, to_caster_m = hulls[name].radius_m, offset_m - point_m
+    for caster in cast:
+        caster_m, to_caster_m = hulls[caster.name].radius_m, caster.shift_m - point_m
         sunward_m = np.maximum(to_caster_m @ sun, 0.0)
         aside_m = to_caster_m - np.outer(to_caster_m @ sun, sun)
         to_light = light @ aside_m

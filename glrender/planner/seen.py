@@ -59,6 +59,6 @@ def seen_bodies(state: State, camera: PinholeCamera, scene: Scene, traits: Seque
     for view, known in zip(views, traits, strict=True):
         sun_radius_rad = view.sun_radius_rad if scene.sun_disc else 0.0
         cast = casters(view, views, hulls, sun_radius_rad) if view.is_visible else []
-        found.append(Seen.of(view, known, camera, tuple(name for name, *_ in cast),
+        found.append(Seen.of(view, known, camera, tuple(caster.name for caster in cast),
                              penumbra_of(view, cast, hulls, sun_radius_rad)))
     return tuple(found)

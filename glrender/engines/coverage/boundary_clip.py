@@ -50,7 +50,7 @@ class FacetCutter:
         vertex, of, self.corner = facet_loops.vertices_of(facets.corners, facing, facets.vertices_m.shape[1])
         self._cut: list[tuple[np.ndarray, ...]] = []
         r_m = facets.vertices_m.take(vertex, axis=1)
-        self.points = Points(r_m, *self._told(r_m, of))
+        self.points = Points(r_m, *self._seen_and_lit(r_m, of))
 
     def are_lit(self, triangles: FacetParts) -> np.ndarray:
         """Whether the corners (3, N) of triangles are lit."""
@@ -90,7 +90,7 @@ class FacetCutter:
         points = self.points
         ends, first, side = facet_loops.distinct_pairs(begin, end)
         r_m = 0.5 * (points.r_m.take(ends[0], axis=1) + points.r_m.take(ends[1], axis=1))
-        return points.add(r_m, *self._told(r_m, facet.take(first))).take(side)
+        return points.add(r_m, *self._seen_and_lit(r_m, facet.take(first))).take(side)
 
     def cut_off(self, triangles: FacetParts, n_bisections: int) -> list[Polygons]:
         """The lit rest of triangles that are cut between the corner that differs and the two others.
@@ -140,12 +140,12 @@ class FacetCutter:
         """Parts (N,) of ways (3, N) [m] in facets up to which it is as at their begin: lit, or dark."""
         part, step = np.full(len(facet), 0.5), 0.25
         for _ in range(n_bisections):
-            _, found = self._told(begin_m + part * way_m, facet, is_seen)
+            _, found = self._seen_and_lit(begin_m + part * way_m, facet, is_seen)
             part += np.where(found == is_lit, step, -step)
             step *= 0.5
         return part
 
-    def _told(self, r_body_m: np.ndarray, facet: np.ndarray, is_seen: np.ndarray | None = None
+    def _seen_and_lit(self, r_body_m: np.ndarray, facet: np.ndarray, is_seen: np.ndarray | None = None
               ) -> tuple[np.ndarray, np.ndarray]:
         """Whether points (3, N) [m] of facets (N,) are seen, and in sunlight as well.
 

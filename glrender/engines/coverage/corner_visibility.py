@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from glrender_camera import threads
@@ -19,6 +20,16 @@ from .sub_triangles import FACETS_AT_ONCE, FacetParts, projected
 
 # Facets of a body that are few.
 FEW = 3000
+
+
+class HardEdges(NamedTuple):
+    """The parts of a body that hard edges of shadows cross, in place of penumbras."""
+
+    parts: FacetParts
+    squared: np.ndarray
+    """Squared errors (N,) of the parts: `sunlit_error.hard_edges`."""
+    wide_px: float
+    """Mean width of the penumbras [px]."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -121,8 +132,8 @@ class CornerVisibility:
         return self.safety_squared * sunlit_error.pixels_squared(self.radiance.of(parts.facet), parts.area_px)
 
     def hard_edges(self, rays: RayEngine, views: list[BodyView], focal_length_px: float
-                   ) -> tuple[FacetParts, np.ndarray, float]:
-        """Parts with hard edges of shadows in place of penumbras, their squared errors (N,), and the mean width [px].
+                   ) -> HardEdges:
+        """Parts with hard edges of shadows in place of penumbras.
 
         A penumbra is as wide as the Sun's angle times the distance of what shades, along the edges in facets whose
         corners differ; wider where the Sun is low.
@@ -138,7 +149,7 @@ class CornerVisibility:
         wide_px = (np.where(np.isfinite(range_m), range_m.clip(0.0), 0.0) * angle * focal_length_px
                    / (depth_m * np.sqrt(np.maximum(self.radiance.cos_incidence(parts.facet), angle))))
         squared = sunlit_error.hard_edges(self.radiance.of(parts.facet), parts.area_px, wide_px)
-        return parts, squared, float((squared * wide_px).sum()) / max(float(squared.sum()), 1e-300)
+        return HardEdges(parts, squared, float((squared * wide_px).sum()) / max(float(squared.sum()), 1e-300))
 
     def low_sun(self) -> tuple[float, float]:
         """Squared error, and light, of facets that part of the Sun's disc lights: `sunlit_error.low_sun`."""

@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from . import accumulate
-from .corner_visibility import CornerVisibility
+from .corner_visibility import CornerVisibility, HardEdges
 from .image_cells import ImageCells
-from .sub_triangles import FacetParts, projected
+from .sub_triangles import projected
 from .sunlit_areas import SunlitAreas, add_by_area, shared
 from .sunlit_error import CoverageError, ErrorScale
 
@@ -29,22 +29,21 @@ class LookedAt:
     bodies : list of CornerVisibility
     scales : (ErrorScale, ErrorScale)
         Of the errors of `CoverageError`.
-    hard : list of (FacetParts, (N,) float64, float)
-        Of each body the parts that hard edges cross, their squared errors, and the mean width of the penumbras [px];
-        none of a Sun without a disc.
+    hard : list of HardEdges
+        Of each body; none of a Sun without a disc.
     low : list of (float, float)
         Likewise of facets in a low Sun: squared error, and light.
     """
 
     bodies: list[CornerVisibility]
     scales: tuple[ErrorScale, ErrorScale]
-    hard: list[tuple[FacetParts, np.ndarray, float]]
+    hard: list[HardEdges]
     low: list[tuple[float, float]]
 
     @property
     def squared(self) -> list[float]:
         """Squared errors of hard edges and a low Sun by both scales."""
-        hard = sum(float(squared.sum()) for _, squared, _ in self.hard)
+        hard = sum(float(edges.squared.sum()) for edges in self.hard)
         return [scale.of_penumbras(hard, self.low) if self.low else 0.0 for scale in self.scales]
 
     @property
@@ -56,7 +55,7 @@ class LookedAt:
     @property
     def wide_px(self) -> float:
         """Width of the penumbras of the body whose are widest."""
-        return max((wide_px for *_, wide_px in self.hard), default=0.0)
+        return max((edges.wide_px for edges in self.hard), default=0.0)
 
     def add_error_to(self, changes: np.ndarray, cells: ImageCells) -> None:
         """Add the squared error of hard edges and a low Sun of each cell, by the first scale."""
@@ -64,9 +63,9 @@ class LookedAt:
             return
         scale = self.scales[0]
         low = scale.of_penumbras(0.0, self.low) / len(self.bodies)
-        for body, (parts, squared, _) in zip(self.bodies, self.hard, strict=True):
-            add_by_area(changes, projected(body.cutter.points.r_m, body.view, cells.camera), parts.corner,
-                        parts.area_px, scale.of_penumbras(1.0, [(0.0, 0.0)]) * squared, cells)
+        for body, edges in zip(self.bodies, self.hard, strict=True):
+            add_by_area(changes, projected(body.cutter.points.r_m, body.view, cells.camera), edges.parts.corner,
+                        edges.parts.area_px, scale.of_penumbras(1.0, [(0.0, 0.0)]) * edges.squared, cells)
             facet = body.in_low_sun()
             area_px = body.facet_px(facet)
             add_by_area(changes, body.xy_px, body.facets.corners.take(facet, axis=1), area_px, shared(low, area_px),

@@ -123,8 +123,8 @@ class Shadows:
             half[2] += _DEPTH_MARGIN_TEXELS * texel_m.max()
             offset = frames.transform(np.eye(3), -centre) @ frames.transform(sun_from_body, np.zeros(3))
             clip = frames.clip_from_sun(half[0], half[1], -half[2], half[2]) @ offset
-            cast = [(view.name, np.eye(4)), *((name, frames.transform(rotation, shift_m)) for name, rotation, shift_m
-                                              in casters(view, views, self._hulls))]
+            cast = [(view.name, np.eye(4)), *((caster.name, frames.transform(caster.rotation, caster.shift_m))
+                                              for caster in casters(view, views, self._hulls))]
             key = (view.name, size_px, clip.tobytes(),
                    *((name, matrix.tobytes()) for name, matrix in cast))
             is_kept = key in self._maps
