@@ -45,7 +45,7 @@ from .planner.seen import seen_bodies
 from .planner.walls import between_walls
 from .scene.plugins.registry import OPENGL_BACKENDS, backends
 from .scene.scene import Scene
-from .scene.tolerance import LEAST, SIGMAS, checked_deadline, checked_max_error
+from .scene.tolerance import LEAST, LEAST_DEADLINE_S, SIGMAS, checked_deadline, checked_max_error
 from .view.regions import union
 from .view.state import State
 
@@ -188,7 +188,7 @@ class Renderer:
         self._check_open()
         clock, wanted, deadline = Clock(), checked_products(products), _deadline(deadline_s)
         names = checked_derivatives(derivatives, self.scene)
-        request = self._by_noise(state, self._request(camera, max_error, samples, engine, use, bool(names)))
+        request = self._by_noise(state, self._request(camera, max_error, samples, engine, use, bool(names)), deadline)
         plan, frame, drawn = self._drawn(state, request, names, clock, deadline)
         irradiance = drawn.irradiance_W_m2
         made = account(plan, drawn, self._left_out)
@@ -235,7 +235,7 @@ class Renderer:
             An argument breaks a rule, or the frame has what has no derivatives (docs/derivatives.md).
         """
         self._check_open()
-        request = self._by_noise(state, self._request(camera, max_error, None, None, WHOLE_IMAGE, True))
+        request = self._by_noise(state, self._request(camera, max_error, None, None, WHOLE_IMAGE, True), math.inf)
         if not callable(weights):
             weights = checked_weights(weights, (request.camera.height_px, request.camera.width_px))
         _, frame, drawn = self._drawn(state, request, (), Clock(), math.inf)
@@ -270,7 +270,7 @@ class Renderer:
             has_gpu=not self._context.is_software, has_sun_disc=self.scene.sun_disc)
         return replace(request, use=replace(request.use, apart_px=0.0)) if self._emissions.dims else request
 
-    def _by_noise(self, state: State, request: Request) -> Request:
+    def _by_noise(self, state: State, request: Request, deadline: float) -> Request:
         """The request with an RMS error in place of deviations by the camera's noise, which a first frame tells."""
         asked = request.max_error
         if not isinstance(asked, Mapping) or SIGMAS not in asked:
@@ -280,7 +280,8 @@ class Renderer:
             raise ConfigError(path, "must be of a camera with a model of one band, whose noise counts", sigmas,
                               "give the camera a detector, or take a number for max_error")
         try:
-            first = self.render(state, request.camera, max_error=LOOSE, derivatives=["spacecraft"])
+            first = self.render(state, request.camera, max_error=LOOSE, derivatives=["spacecraft"],
+                                deadline_s=_time_left(deadline))
         except ConfigError as error:
             if error.path != "derivatives":
                 raise
@@ -376,6 +377,11 @@ def _for_lamps(scene: Scene, rays: RayEngine | None) -> tuple[str, ...]:
 def _deadline(seconds: float | None) -> float:
     """The end [s] by `time.monotonic` of a time from now on."""
     return math.inf if seconds is None else time.monotonic() + checked_deadline(seconds)
+
+
+def _time_left(deadline: float) -> float | None:
+    """The time [s] until a deadline: the least where it has passed, and none where there is no deadline."""
+    return max(deadline - time.monotonic(), LEAST_DEADLINE_S) if math.isfinite(deadline) else None
 
 
 def _blank(camera: PinholeCamera, out: np.ndarray | None) -> np.ndarray:

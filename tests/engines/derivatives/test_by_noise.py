@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 import pytest
@@ -42,9 +42,10 @@ def test_more_deviations_and_other_units_and_a_dark_frame():
     with Renderer(scene()) as renderer:
         one, four = (renderer.render(STATE, max_error={"sigmas": each}).plan for each in (0.25, 1.0))
         both = renderer.render(STATE, max_error={"sigmas": 1.0, "rms": 0.5 * four.max_error, "flux": 0.5}).plan
-        dark = renderer.render(views.state(phase_deg=180.0, range_m=10_000.0), max_error={"sigmas": 1.0})
+        dark, blurred = (draw(views.state(phase_deg=180.0, range_m=10_000.0), max_error={"sigmas": 1.0})
+                         for draw in (renderer.render, partial(take_frame, renderer)))
     assert four.max_error == pytest.approx(4.0 * one.max_error) and both.asked["rms"] == 0.5 * four.max_error
-    assert not dark.irradiance_W_m2.any() and dark.plan.max_error == 1.0
+    assert not dark.irradiance_W_m2.any() and dark.plan.max_error == blurred.plan.max_error == 1.0
 
 
 def test_frames_of_a_scene_that_asks_so():
@@ -64,6 +65,20 @@ def test_the_noise_is_of_the_frames_own_exposure():
         with Renderer(replace(scene(replace(CAMERA, model=model)), max_error={"sigmas": 1.0})) as renderer:
             errors.append(take_frame(renderer, STATE, exposure_s=asked_s).plan.max_error)
     assert errors[1] == errors[0] < 0.7 * errors[2], errors
+
+
+def test_a_deadline_is_the_first_frames_as_well():
+    given_s = []
+
+    class Recorded(Renderer):
+        def render(self, *state, deadline_s=None, **options):
+            given_s.append(deadline_s)
+            return super().render(*state, deadline_s=deadline_s, **options)
+
+    with Recorded(scene()) as renderer:
+        for deadline_s in (None, 100.0, 1e-6):
+            renderer.render(STATE, max_error={"sigmas": 1.0}, deadline_s=deadline_s)
+    assert given_s[:3] == [None, None, 100.0] and 0.0 < given_s[3] <= 100.0 and given_s[4:] == [1e-6, 1e-6]
 
 
 def refused(message, given, backend=Renderer, **options):
