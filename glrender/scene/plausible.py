@@ -39,8 +39,8 @@ def camera_doubts(index: int, camera: PinholeCamera, solar_irradiance_1au_W_m2: 
     if camera.distortion is None and corner_deg > WIDEST_CORNER_DEG:
         found.append(doubt(
             f"{path}.focal_length_px", f"puts the farthest corner {corner_deg:.3g} deg off the boresight, where it is "
-            f"likely at most {WIDEST_CORNER_DEG:g} deg", camera.focal_length_px, "it is focal length over pixel "
-            "pitch: 100 mm and 10 um make 10000; principal_point_px is from the first pixel's centre"))
+            f"likely at most {WIDEST_CORNER_DEG:g} deg", camera.focal_length_px, "it is the focal length over the "
+            "pixel pitch: 100 mm and 10 um make 10000; principal_point_px is from the first pixel's centre"))
     for band_path, band in _bands(path, camera):
         found += improbable("optics", band.optics, f"{band_path}")
         if given_W_m2 is not None:
