@@ -21,7 +21,7 @@ from .lamp import Lamp
 from .plugins.checks import blamed_on, is_foreign, named, try_law
 from .plugins.registry import emissions, laws, shape_readers
 from .shape import generate
-from .shape.regions import Region
+from .shape.regions import OF_WHOLE_BODY, Region
 from .shape.shape import SIDES, Shape, file_scale
 from .shape.textures import read_texture
 from .stars import Stars
@@ -98,6 +98,9 @@ def body(table: Mapping[str, Any], path: str, files: Files) -> Body:
         raise ConfigError(f"{path}.albedo_projection", "goes with ground about its planet's centre, without an "
                           "orthophoto", table["albedo_projection"], "say orthophoto in `terrain`: a GeoTIFF")
     if (albedo_map := getattr(shape, "albedo_map", None)) is not None:
+        if "regions" in table:
+            raise ConfigError(f"{path}.terrain.orthophoto", "goes with ground without regions",
+                              hint=f"leave it or the regions out, or {OF_WHOLE_BODY}")
         albedo_map = albedo_map * np.float32(gain)
     if "albedo_texture" in table:
         if albedo_map is not None:

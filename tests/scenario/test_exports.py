@@ -180,6 +180,7 @@ def test_an_oem_has_kilometres_about_the_first_body_in_tdb():
     assert header[3] == "CREATION_DATE = 2029-02-13T12:00:00.123456"
     (craft, rows), (moon, moon_rows), (sun, sun_rows) = messages(text)
     assert (craft["OBJECT_NAME"], moon["OBJECT_NAME"], sun["OBJECT_NAME"]) == ("ORBITER", "MOON", "SUN")
+    assert (craft["OBJECT_ID"], moon["OBJECT_ID"], sun["OBJECT_ID"]) == ("-64", "MOON", "SUN")
     assert {(each["CENTER_NAME"], each["REF_FRAME"], each["TIME_SYSTEM"]) for each in (craft, moon, sun)} == {
         ("ROCK", "ICRF", "TDB")}
     for state, *lines in zip(flight().states, rows, moon_rows, sun_rows, strict=True):
@@ -275,8 +276,8 @@ def test_what_a_file_cannot_hold_is_refused(changes, names, words):
     assert words in str(caught.value)
 
 
-def test_names_of_comets_may_begin_with_digits():
-    assert in_capitals("67P/C-G") == "67P_C_G"
+def test_names_may_begin_with_digits_and_have_accents():
+    assert [in_capitals(name) for name in ("67P/C-G", "Čapek", "Río Frío")] == ["67P_C_G", "CAPEK", "RIO_FRIO"]
 
 
 def test_other_contents_are_not_written_over(tmp_path):

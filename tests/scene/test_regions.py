@@ -15,6 +15,7 @@ from glrender.scene.shape.bisection import bisected
 from glrender.scene.shape.planar import area, between, located
 from glrender.scene.shape.regions import Region, with_regions
 from scipy.ndimage import binary_erosion
+from scipy.spatial.transform import Rotation
 
 GREY = Lambert(normal_albedo=0.2)
 UP = np.array([0.3, 0.5, 0.8]) / np.linalg.norm([0.3, 0.5, 0.8])
@@ -180,6 +181,31 @@ def test_a_rim_that_is_far_off_is_logged(caplog):
     raised = Shape.from_arrays(1.08 * cap(5, np.radians(10.0)).vertices_m, cap(5, np.radians(10.0)).facets)
     (text,) = with_regions(fine(4), [Region(shape=raised)]).report.warnings
     assert "off the shape around" in text and text in caplog.text
+
+
+@cache
+def ball(subdivisions, height=0.008):
+    """A sphere of 250 m with hills of 1.4 m RMS, whose turned parts lie on it everywhere."""
+    mesh = generate.icosphere(radius_m=1.0, subdivisions=subdivisions)
+    x, y, z = mesh.vertices_m.T
+    hills = np.sin(9 * x + 2 * y) * np.cos(11 * z) + np.sin(17 * x - 3 * z) * np.sin(13 * y + 5 * z)
+    return Shape.from_arrays(250.0 * mesh.vertices_m * (1.0 + height * hills[:, None]), mesh.facets)
+
+
+@pytest.mark.parametrize("turned_deg, height, is_doubted", [(0, 0.008, False), (15, 0.008, True), (180, 0.008, True),
+                                                            (0, 0.0, False)])
+def test_ground_of_elsewhere_is_doubted_on_a_round_body_too(turned_deg, height, is_doubted):
+    """Its rim is less than 5 % of its extent off. A plain sphere has no relief to compare."""
+    whole = ball(5)
+    middle = whole.vertices_m[whole.facets].mean(axis=1)
+    site = Shape.from_arrays(whole.vertices_m, whole.facets[middle @ UP > np.cos(HALF_ANGLE) * 250.0])
+    q = Rotation.from_rotvec(np.radians(turned_deg) * (UP if turned_deg > 90 else EAST)).as_quat(scalar_first=True)
+    report = with_regions(ball(4, height), [Region(shape=site, q_body_from_region=q)]).report
+    (seam,) = report.seams
+    assert seam.gap_max_m < 0.05 * seam.extent_m
+    assert [text[:38] for text in report.warnings] == ["the body's vertices beneath regions[0]"] * is_doubted
+    if not height:
+        assert np.isnan(seam.relief_m)
 
 
 def test_a_region_that_reaches_over_the_edge_of_open_ground_is_refused():

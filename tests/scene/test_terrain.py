@@ -510,6 +510,10 @@ def test_a_scene_file_asks_for_terrain(files, tmp_path):
             made(terrain={**terrain, **wrong})
     with pytest.raises(ConfigError, match=r"bodies\[0\].length_unit: goes with `shape`, a file"):
         made(terrain=terrain, length_unit="m")
+    for body in ({"terrain": terrain, "regions": []}, {"generated": {"kind": "icosphere", "radius_m": 9e3}, "regions": [
+            {"terrain": terrain}]}):
+        with pytest.raises(ConfigError, match="terrain.orthophoto: goes with ground .*; leave it .*albedo_projection"):
+            made(**body)
     with pytest.raises(ConfigError, match=r"bodies\[0\]: needs exactly one of"):
         made(terrain=terrain, shape="plane.tif")
     with pytest.raises(ConfigError, match=r"albedo_texture: goes with ground without an orthophoto"):

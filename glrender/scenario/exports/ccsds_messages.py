@@ -21,7 +21,7 @@ def oem(flight: Flight) -> str:
     lines = _header("OEM", "2.0", flight)
     for name, (r, v) in rows.items():
         lines += _segment(flight, {
-            "OBJECT_NAME": in_capitals(name), "OBJECT_ID": in_capitals(name),
+            **_object(flight, name),
             "CENTER_NAME": in_capitals(flight.about), "REF_FRAME": "ICRF"}, {}, np.hstack([r, v]) * KM_PER_M)
     return "\n".join(lines) + "\n"
 
@@ -38,7 +38,7 @@ def aem(flight: Flight) -> str:
         own = "SC_BODY_1" if name == flight.spacecraft else f"{in_capitals(name)}_FIXED"
         w, x, y, z = flight.turns(name)[0].T
         lines += _segment(flight, {
-            "OBJECT_NAME": in_capitals(name), "OBJECT_ID": in_capitals(name), "REF_FRAME_A": "ICRF",
+            **_object(flight, name), "REF_FRAME_A": "ICRF",
             "REF_FRAME_B": own, "ATTITUDE_DIR": "A2B"}, {"ATTITUDE_TYPE": "QUATERNION", "QUATERNION_TYPE": "LAST"},
             np.stack([-x, -y, -z, w], axis=1), ("DATA_START", "DATA_STOP"))
     return "\n".join(lines) + "\n"
@@ -50,6 +50,10 @@ def _header(kind: str, version: str, flight: Flight) -> list[str]:
             "COMMENT CREATION_DATE is the first epoch, so that equal flights give equal files.",
             "COMMENT States are those that the frames were drawn of: no light time, no aberration.",
             f"CREATION_DATE = {flight.epochs[0].tdb}", "ORIGINATOR = GLRENDER", ""]
+
+
+def _object(flight: Flight, name: str) -> dict[str, str]:
+    return {"OBJECT_NAME": in_capitals(name), "OBJECT_ID": str(flight.ids.get(name, in_capitals(name)))}
 
 
 def _segment(flight: Flight, before: dict[str, str], behind: dict[str, str], rows: np.ndarray,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import unicodedata
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -144,8 +145,9 @@ class Flight:
 
 
 def in_capitals(name: str) -> str:
-    """A name as kernels have it: A to Z, digits and underscores, at most 20; digits alone would be a number."""
-    made = re.sub(r"[^A-Z0-9]+", "_", name.upper()).strip("_")
+    """A name as kernels have it: A to Z without accents, digits, underscores, at most 20; digits alone are a number."""
+    letters = "".join(each for each in unicodedata.normalize("NFKD", name) if not unicodedata.combining(each))
+    made = re.sub(r"[^A-Z0-9]+", "_", letters.upper()).strip("_")
     if len(made) > _MOST_LETTERS or not re.search("[A-Z]", made):
         raise ConfigError("name", f"must have a letter, and at most {_MOST_LETTERS} letters and digits in other tools' "
                           "files", name, "rename it")

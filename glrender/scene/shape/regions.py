@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -32,6 +33,8 @@ _CLEAR = 0.85
 _MOST_GAP, _DOUBTED_GAP = 0.5, 0.05
 # Share of the body's area [1] that a region has at most: it is laid on along one direction.
 _MOST_AREA = 0.5
+OF_WHOLE_BODY = "give a map of the whole body as its albedo_texture, with albedo_projection"
+"""Words of the way to an albedo on a body with regions."""
 # Relative difference of a seam's area to what it should have [1]: rounding.
 _AREA_RTOL = 1e-6
 
@@ -61,7 +64,8 @@ class Region:
         if not isinstance(self.shape, Shape):
             raise ConfigError("shape", "must be a glrender.Shape", self.shape)
         if getattr(self.shape, "albedo_map", None) is not None:
-            raise ConfigError("terrain.orthophoto", "goes with ground that is no region", hint="leave it out")
+            raise ConfigError("terrain.orthophoto", "goes with ground that is no region",
+                              hint=f"leave it out, or {OF_WHOLE_BODY}")
         if not isinstance(self.brdf, Law | None):
             raise ConfigError("brdf", "must be a law of glrender.brdf", self.brdf)
         r_m, q = self.r_region_body_m, self.q_body_from_region
@@ -120,6 +124,9 @@ def with_regions(shape: Shape, regions: Sequence[Region], law: Law | None = None
         if seam.gap_max_m > _DOUBTED_GAP * seam.extent_m:
             warnings.append(f"the rim of regions[{index}], {seam.extent_m:.4g} m across, is up to {seam.gap_max_m:.4g} "
                             "m off the shape around: are its length unit and pose right?")
+        elif seam.offset_rms_m > np.hypot(seam.relief_m, _DOUBTED_GAP * seam.side_m):
+            warnings.append(f"the body's vertices beneath regions[{index}] are {seam.offset_rms_m:.3g} m RMS off it, "
+                            f"more than its own relief, {seam.relief_m:.3g} m RMS: are its length unit and pose right?")
         if seam.n_holes:
             warnings.append(f"{seam.n_holes} holes in regions[{index}] closed by flat facets")
     for text in warnings[len(shape.report.warnings):]:
@@ -194,7 +201,9 @@ class _Seat:
         if (before[[1, 3]] != after[[1, 3]]).any():
             raise ShapeError("", "must leave the body as closed as it is, and its rim cannot be joined",
                              hint="cut it so that its rim is smooth; is its pose right?")
+        offset_rms_m, relief_m, side_m = self._offset()
         seam = Seam(gap_max_m=float(np.abs(self.gaps_m).max()), gap_rms_m=float(np.sqrt(np.mean(self.gaps_m**2))),
+                    offset_rms_m=offset_rms_m, relief_m=relief_m, side_m=side_m,
                     width_m=self.width_m, extent_m=self.extent_m, n_facets=len(self.facets), n_strip=len(strip),
                     n_left_out=len(np.unique(parent[is_left_out])), n_holes=len(self.holes))
         return _Mesh(all_m[used], rows, owner), seam
@@ -254,6 +263,31 @@ class _Seat:
         facet, gaps_m = np.full(len(up), -1), np.full(len(up), np.inf)
         facet[own], gaps_m[own] = facing[hit[order[first]]], gap[order[first]]
         return facet, gaps_m
+
+    def _offset(self) -> tuple[float, float, float]:
+        """RMS height [m] of the region over the body's vertices beneath, the relief there, and the vertices' distance.
+
+        A coarse body is right at its vertices: a region in its place differs from them by less than its own relief,
+        ground of elsewhere by the relief of both. Relief is about quadratic surfaces; the body's counts half. NaN with
+        too few vertices for a fit, or where the body has less than half of the region's relief, as a sphere has.
+        """
+        mesh, corners = self.mesh, self._flat(self.vertices_m)[self.facets]
+        facing = area_vectors(mesh.vertices_m, mesh.facets) @ self.normal > 0.0
+        chosen = np.unique(mesh.facets[facing])
+        point, hit, weights = located(self._flat(mesh.vertices_m[chosen]), corners)
+        rise = ((mesh.vertices_m[chosen[point]] - self.middle_m) @ self.normal,
+                (weights * ((self.vertices_m - self.middle_m) @ self.normal)[self.facets[hit]]).sum(axis=1))
+        is_near = np.abs(rise[1] - rise[0]) <= _MOST_GAP * self.extent_m
+        x, y = self._flat(mesh.vertices_m[chosen[point[is_near]]]).T / self.extent_m
+        smooth = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1)
+        if len(x) < 2 * smooth.shape[1]:
+            return math.nan, math.nan, math.nan
+        both = np.stack([each[is_near] for each in rise], axis=1)
+        body_m, own_m = np.sqrt(np.mean((both - smooth @ np.linalg.lstsq(smooth, both)[0]) ** 2, axis=0))
+        if not body_m > 0.5 * own_m:
+            return math.nan, math.nan, math.nan
+        return (float(np.sqrt(np.mean(np.diff(both) ** 2))), float(np.hypot(own_m, np.sqrt(0.5) * body_m)),
+                float(np.sqrt(area(self.rim_m) / len(x))))
 
     def _near(self, vertices: np.ndarray, facets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Facets (F,) that face as the region does and are at its rim, and the facet (N,) beneath each rim's vertex."""

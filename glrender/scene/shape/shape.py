@@ -74,6 +74,10 @@ class Seam:
     ----------
     gap_max_m, gap_rms_m : float [m]
         Height of the region's rim over the shape, along the region's mean normal.
+    offset_rms_m, relief_m, side_m : float [m]
+        Height of the region over the shape's vertices beneath it, RMS; the relief there of the region and half of the
+        shape's, in squares, about quadratic surfaces; the distance of those vertices. NaN with fewer than 12 of them,
+        or where the shape has less than half of the region's relief.
     width_m, extent_m : float [m]
         Of the strip of facets that closes the gap, about; and the diagonal of the region's box.
     n_facets, n_strip, n_left_out, n_holes : int
@@ -82,6 +86,9 @@ class Seam:
 
     gap_max_m: float
     gap_rms_m: float
+    offset_rms_m: float
+    relief_m: float
+    side_m: float
     width_m: float
     extent_m: float
     n_facets: int
