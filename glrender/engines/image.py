@@ -117,17 +117,17 @@ class Image:
         return image_advice(*self.request, self.plan, self.irradiance_W_m2, self.roi, has_points=has_points)
 
 
-def checked_products(products: Iterable[str]) -> tuple[str, ...]:
-    """The products asked for besides the irradiance, in the order of `PRODUCTS`."""
+def checked_products(products: Iterable[str], known: Iterable[str] = tuple(PRODUCTS)) -> tuple[str, ...]:
+    """The products asked for besides the irradiance, in the order of those that are known."""
     if not isinstance(products, Iterable):
         raise ConfigError("products", "must be names of products", products)
     products = (products,) if isinstance(products, str) else tuple(products)
     for index, name in enumerate(products):
         # A list, as what is no text may have no hash.
-        if name not in list(PRODUCTS):
-            raise ConfigError(f"products[{index}]", f"must be one of {', '.join(PRODUCTS)}", name,
-                              did_you_mean(name, PRODUCTS))
-    return tuple(name for name in PRODUCTS if name in products and name != "irradiance")
+        if name not in list(known):
+            raise ConfigError(f"products[{index}]", f"must be one of {', '.join(known)}", name,
+                              did_you_mean(name, known))
+    return tuple(name for name in known if name in products and name != "irradiance")
 
 
 def peak_bytes(n_pixels: int, products: Iterable[str]) -> int:

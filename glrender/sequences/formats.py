@@ -14,9 +14,9 @@ from glrender_camera import PinholeCamera
 from glrender_camera.compression import CODECS
 
 from ..base.errors import ConfigError
-from ..base.names import PRODUCTS
 from .fits_cards import Cards, cards_of, sky_cards
 from .folder import whole, write_whole
+from .surface_maps import UNITS
 
 # A step of the ranges in a file is at most this share of a pixel's footprint: half of float64 is noise to a compressor.
 _RANGE_STEP_PX = 0.1
@@ -131,7 +131,7 @@ def _write_exr(path: Path, frame: FrameFile) -> None:
             channels[name] = array.astype(np.uint32 if array.dtype.kind in "iu" else np.float32)
         else:
             channels |= {f"{name}.{axis}": np.ascontiguousarray(array[..., k], np.float32)
-                         for k, axis in enumerate("XYZ")}
+                         for k, axis in enumerate("XYZ"[:array.shape[2]])}
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage,
               "glrender": json.dumps(frame.header)}
     try:
@@ -153,7 +153,7 @@ def _write_fits(path: Path, frame: FrameFile) -> None:
     for name, array in frame.products.items():
         parts.append(fits.ImageHDU(np.moveaxis(np.flipud(array), 2, 0) if array.ndim == 3 else np.flipud(array),
                                    name=name.upper()))
-        _put(parts[-1], {"BUNIT": (PRODUCTS[name], "1: a number or a share"), **({} if array.ndim == 3 else sky)})
+        _put(parts[-1], {"BUNIT": (UNITS[name], "1: a number or a share"), **({} if array.ndim == 3 else sky)})
     parts.append(fits.ImageHDU(np.frombuffer(json.dumps(frame.header).encode(), np.uint8), name="GLRENDER"))
     _put(parts[-1], {"BUNIT": ("byte", "UTF-8, JSON")})
     fits.HDUList(parts).writeto(path, output_verify="exception")

@@ -10,11 +10,11 @@ from typing import Any
 from glrender_camera import MosaicModel, PinholeCamera
 
 from ..base.errors import ConfigError
-from ..base.names import PRODUCTS
 from ..capture.capture import Capture
 from ..scene.scene import Scene
 from ..view.state import State
 from .options import FrameOptions
+from .surface_maps import UNITS
 
 VERSION = version("glrender")
 
@@ -76,7 +76,7 @@ def frame_header(scene: Scene, index: int, state: State, options: FrameOptions, 
         "glrender": VERSION, "index": index, "date_tdb": state.date_tdb,
         "inertial_axes": "ICRF" if is_icrf else "unknown", "state": state.to_dict(),
         "bodies": [body.name for body in scene.bodies], "unit": options.unit,
-        "units": dict(PRODUCTS),
+        "units": dict(UNITS),
         "exposure_s": None if frame is None else frame.exposure_s, "seed": None if frame is None else frame.seed,
         "faults": [] if frame is None else list(frame.faults), "camera": camera_table(scene.camera(options.camera)),
         "plan": {"max_error": capture.plan.max_error, "predicted_error": capture.plan.predicted_error,

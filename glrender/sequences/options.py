@@ -17,6 +17,7 @@ from ..scene.scene import Scene
 from ..scene.tolerance import checked_max_error
 from .formats import STREAM, checked_ending
 from .labels import Keypoints
+from .surface_maps import UNITS
 
 OUTPUT_KEYS = ("camera", "output", "format", "products", "labels", "seed", "exposure_s", "max_error")
 """Fields of the table [output]."""
@@ -38,7 +39,7 @@ class FrameOptions:
     exposure_s : float [s] or "auto", optional
         But for "irradiance"; the camera's by default.
     products : tuple of str
-        As of `Renderer.render`.
+        As of `Renderer.render`, and of `surface_maps`.
     has_labels : bool
         Whether the header has the labels of `frame_labels`.
     keypoints : mapping
@@ -81,7 +82,7 @@ class FrameOptions:
             raise ConfigError("products", f"must not have 'irradiance' with output {self.output!r}: it is another "
                               "image", list(self.products),
                               "leave it out, or draw a second sequence of output 'irradiance'")
-        object.__setattr__(self, "products", checked_products(self.products))
+        object.__setattr__(self, "products", checked_products(self.products, tuple(UNITS)))
         if self.products and self.format in ("png", STREAM):
             raise ConfigError("products", f"must be none with format {self.format}, which holds the image alone",
                               list(self.products), "use fits, npz or exr" if self.format == "png" else

@@ -29,6 +29,7 @@ from .header import VERSION, camera_table, decoding_of, frame_header, offset_DN
 from .options import FrameOptions, exposures_of
 from .processes import own_processes, parted, processes_of
 from .read import read_header, read_image
+from .surface_maps import MAPS, made_of, surface_maps
 from .warned import counted, in_words
 
 _DIGITS = 5
@@ -103,7 +104,7 @@ class FrameSequence:
         claim_folder(self.folder, self.manifest())
         n_processes = processes_of(self.states, self.options, n_processes)
         once, each = parted(self.states, self.options)
-        tasks = ((index, _draw, (self.path(index), index, each[index])) for index in self.missing())
+        tasks = ((index, _draw, (self.path(index), index, each[index:index + 2])) for index in self.missing())
         headers = {}
         with own_processes(n_processes, _start, (self.scene, self.options, once), _stop) as pool:
             for index, headers[index] in pool.done(tasks):
@@ -213,10 +214,11 @@ def _stop() -> None:
     _renderer = None
 
 
-def _draw(path: Path, index: int, state: State | None) -> dict[str, Any]:
+def _draw(path: Path, index: int, states: Sequence[State | None]) -> dict[str, Any]:
     """Draw a frame and write it; returns what `counted` reads of its header."""
     with paths_of_state(index):
-        file = drawn(_renderer, index, _states[index] if state is None else state, _options)
+        state, *following = [_states[index + k] if each is None else each for k, each in enumerate(states)]
+        file = drawn(_renderer, index, state, _options, tuple(following))
         write(path, file)
         return {name: file.header[name] for name in ("index", "warnings", "warning_codes")}
 
@@ -237,7 +239,8 @@ def file_ending(camera: PinholeCamera, options: FrameOptions) -> str:
     return camera_table(camera)["compression"]["codec"] if options.output == "compressed" else options.format
 
 
-def drawn(renderer: Any, index: int, state: State, options: FrameOptions) -> FrameFile:
+def drawn(renderer: Any, index: int, state: State, options: FrameOptions,
+          following: tuple[State, ...] | None = None) -> FrameFile:
     """One frame of a sequence, as it is written.
 
     Parameters
@@ -248,12 +251,14 @@ def drawn(renderer: Any, index: int, state: State, options: FrameOptions) -> Fra
         Number of the frame: its noise has the seed that `seed_of` derives from the number and the options' seed.
     state : State
     options : FrameOptions
+    following : tuple of State, optional
+        As of `surface_maps`.
 
     Raises
     ------
     ConfigError, SceneError
     """
-    return frame_file(renderer.scene, index, state, options, captured(renderer, index, state, options))
+    return frame_file(renderer.scene, index, state, options, captured(renderer, index, state, options), following)
 
 
 def captured(renderer: Any, index: int, state: State, options: FrameOptions, **asked: Any) -> Capture:
@@ -261,8 +266,8 @@ def captured(renderer: Any, index: int, state: State, options: FrameOptions, **a
 
     `seed` among them replaces the frame's own.
     """
-    products = dict.fromkeys((*options.products, *(labels.PRODUCTS if options.has_labels else ())))
-    asked |= {"products": tuple(products), "max_error": options.max_error}
+    products = made_of((*options.products, *(labels.PRODUCTS if options.has_labels else ())))
+    asked |= {"products": products, "max_error": options.max_error}
     seed = asked.pop("seed", None)
     if options.is_of_detector:
         return take_frame(renderer, state, options.camera, seed=seed_of(options.seed, index) if seed is None else seed,
@@ -270,14 +275,17 @@ def captured(renderer: Any, index: int, state: State, options: FrameOptions, **a
     return draw_still(renderer, state, options.camera, **asked)
 
 
-def frame_file(scene: Scene, index: int, state: State, options: FrameOptions, capture: Capture) -> FrameFile:
-    """The file of a frame of `captured`."""
+def frame_file(scene: Scene, index: int, state: State, options: FrameOptions, capture: Capture,
+               following: tuple[State, ...] | None = None) -> FrameFile:
+    """The file of a frame of `captured`; `following` as of `surface_maps`."""
     pixels = capture.irradiance_W_m2 if capture.frame is None else capture.frame.dn
     header = frame_header(scene, index, state, options, capture)
     if options.has_labels:
         header["labels"] = labels.frame_labels(scene, state, scene.camera(options.camera), pixels, capture.products,
                                                options.keypoints, options.limb_points, capture.irradiance_W_m2)
-    kept = {name: capture.products[name] for name in options.products}
+    made = capture.products | (surface_maps(scene, state, scene.camera(options.camera), capture.products,
+                                            options.products, following) if MAPS.keys() & options.products else {})
+    kept = {name: made[name] for name in options.products}
     if "range" in kept:
         kept["range"] = kept["range"].astype(range_type(scene.camera(options.camera)))
     return FrameFile(pixels=pixels, unit=options.unit, products=kept, header=header,

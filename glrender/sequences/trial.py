@@ -117,7 +117,7 @@ def _row(renderer: Any, index: int, state: State, options: FrameOptions, measure
     began = time.process_time()
     with paths_of_state(index):
         capture = captured(renderer, index, state, options)
-        file = frame_file(renderer.scene, index, state, options, capture)
+        file = frame_file(renderer.scene, index, state, options, capture, ())
     n_bytes, problem = np.nan, ""
     try:
         n_bytes = measured(index, state, file)

@@ -166,7 +166,8 @@ def test_irradiance_and_a_lens_and_products_are_told(written, kind):
     assert all(header[name] is None for name in ("exposure_s", "seed"))
     assert header["unit"] == "W/m2"
     assert header["units"] == {"irradiance": "W/m2", "range": "m", "body_id": "1", "facet_id": "1", "incidence": "rad",
-                               "emission": "rad", "phase": "rad", "r_body": "m", "sunlit": "1"}
+                               "emission": "rad", "phase": "rad", "r_body": "m", "sunlit": "1", "normal": "1",
+                               "tilt": "rad", "part_id": "1", "flow": "px"}
     assert header["camera"]["distortion"] == dict.fromkeys(("k2", "k3", "k4", "k5", "k6", "p2"), 0.0) | {
         "k1": 0.1, "p1": 0.01}
     assert all(header["camera"][name] is None for name in ("detector", "mosaic", "band_nm"))

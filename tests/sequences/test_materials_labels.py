@@ -7,13 +7,15 @@ import json
 import numpy as np
 import pytest
 from glb_parts import glb, material, sheet
-from glrender import Pose, Scene, State, frames
+from glrender import ConfigError, Pose, Scene, State, frames
 from glrender.base.constants import AU_M
 from glrender.sequences.dataset.dataset import DataSet
 from glrender.sequences.dataset.read import read_frame
 from glrender.sequences.options import FrameOptions
+from glrender.sequences.sequence import FrameSequence
 from missing import needed_module
 from PIL import Image
+from scipy.spatial.transform import Rotation
 from solids import box
 
 SIZE, FOCAL_PX, R_CAMERA = (90, 70), 300.0, np.array([8.0, -9.0, 7.0])
@@ -84,3 +86,68 @@ def test_a_body_of_materials_has_one_mask(tmp_path, format):
         np.testing.assert_array_equal(mask, whole)
     assert set(np.unique(mask)) <= {0, 1, 255} and len(np.unique(mask)) == 2
     assert np.count_nonzero((mask > 0) != truth) <= 2
+
+
+def nearest(corners):
+    """The triangle (H, W) before each pixel's middle, of those that face it, -1 on the sky; the point there."""
+    y, x = np.indices(SIZE[::-1])
+    ray = np.stack([x - 0.5 * (SIZE[0] - 1), y - 0.5 * (SIZE[1] - 1), np.full(x.shape, FOCAL_PX)], axis=-1)
+    ray = ray @ frames.dcm(STATE.spacecraft.q_from_inertial)
+    a, b, c = (corner - R_CAMERA for corner in np.moveaxis(corners, 1, 0))
+    normal = np.cross(b - a, c - a)
+    side = np.stack([ray @ np.cross(one, other).T for one, other in ((a, b), (b, c), (c, a))])
+    far = (normal * a).sum(axis=1) / (ray @ normal.T)
+    far[~(side < 0.0).all(axis=0)] = np.inf
+    found = far.argmin(axis=-1)
+    is_met = np.isfinite(far.min(axis=-1))
+    return np.where(is_met, found, -1), R_CAMERA + np.where(is_met, far.min(axis=-1), np.nan)[..., None] * ray
+
+
+@pytest.mark.parametrize("format", ["npz", "fits", "exr"])
+def test_frames_have_normals_tilts_parts_and_flow(tmp_path, format):
+    """By rays through facets; the flow by the turned body and the moved camera, to 1e-3 px but for pixels on edges."""
+    scene = scene_of(tmp_path)
+    shape, turn, r = scene.bodies[0].shape, Rotation.from_rotvec([0.02, -0.01, 0.03]), R_CAMERA + [0.05, 0.02, -0.04]
+    later = State(r_sun_inertial_m=STATE.r_sun_inertial_m, bodies={"sat": Pose(
+        r_inertial_m=[0.01, 0.0, 0.02], q_from_inertial=turn.inv().as_quat(scalar_first=True))},
+        spacecraft=Pose(r_inertial_m=r, q_from_inertial=STATE.spacecraft.q_from_inertial))
+    sequence = FrameSequence(scene=scene, states=[STATE, later], folder=tmp_path / "out", options=FrameOptions(
+        camera="c", format=format, products=("flow", "normal", "tilt", "part_id")))
+    assert list(sequence.draw(1)) == [0, 1]
+    first, last = (products_of(sequence.path(index)) for index in (0, 1))
+    facet, place = nearest(shape.vertices_m[shape.facets])
+    seen, to_camera = (facet >= 0) & (first["part_id"] >= 0), frames.dcm(STATE.spacecraft.q_from_inertial)
+    assert seen.sum() > 1000 and ((facet >= 0) != (first["part_id"] >= 0)).sum() <= 8
+    a, b, c = np.moveaxis(shape.vertices_m[shape.facets[facet[seen]]], 1, 0)
+    normal = np.cross(b - a, c - a) / np.linalg.norm(np.cross(b - a, c - a), axis=1)[:, None]
+    x, y, z = (to_camera @ (turn.apply(place[seen]) + [0.01, 0.0, 0.02] - r).T)
+    then = np.stack([FOCAL_PX * x / z + 0.5 * (SIZE[0] - 1), FOCAL_PX * y / z + 0.5 * (SIZE[1] - 1)], axis=1)
+    same = np.abs(first["normal"][seen] - normal @ to_camera.T).max(axis=1) < 1e-6
+    assert (~same).sum() <= 8 and len(np.unique(first["part_id"][seen])) == 3
+    np.testing.assert_allclose(first["flow"][seen][same], (then - np.argwhere(seen)[:, ::-1])[same], atol=1e-3)
+    cosine = (normal * place[seen]).sum(axis=1) / np.linalg.norm(place[seen], axis=1)
+    np.testing.assert_allclose(np.cos(first["tilt"][seen][same]), cosine[same], atol=1e-6)
+    np.testing.assert_array_equal(first["part_id"][seen][same], shape.material[facet[seen]][same])
+    assert np.isnan(last["flow"]).all() and np.isnan(first["normal"][first["part_id"] < 0]).all()
+
+
+def products_of(path):
+    """Arrays of a frame's file, rows from the top."""
+    if path.suffix == ".npz":
+        return dict(np.load(path))
+    if path.suffix == ".exr":
+        channels = {name: channel.pixels for name, channel in needed_module(
+            "OpenEXR", "pip install -e '.[test]'").File(str(path), separate_channels=True).channels().items()}
+        return {"tilt": channels["tilt"], "part_id": channels["part_id"].astype(np.int32), **{
+            name: np.stack([channels[f"{name}.{axis}"] for axis in axes], axis=-1)
+            for name, axes in (("flow", "XY"), ("normal", "XYZ"))}}
+    with needed_module("astropy.io.fits", "pip install -e '.[test]'").open(path) as file:
+        arrays = {part.name.lower(): np.flipud(np.moveaxis(part.data, 0, -1) if part.data.ndim == 3 else part.data)
+                  for part in file[1:5]}
+    return arrays
+
+
+def test_a_frame_on_its_own_has_no_flow(tmp_path):
+    with pytest.raises(ConfigError, match="products: must be without flow in a data set"):
+        DataSet(scene=scene_of(tmp_path), states=[STATE], folder=tmp_path / "out", frames_a_shard=1,
+                format="webdataset", options=FrameOptions(camera="c", output="dn", format="npz", products=("flow",)))

@@ -92,6 +92,9 @@ class DataSet:
             if self.options.products:
                 raise ConfigError("products", "must be none with bop, which has depths", list(self.options.products),
                                   "leave them out, or use another format")
+        if "flow" in self.options.products:
+            raise ConfigError("products", "must be without flow in a data set, whose frames have no next one",
+                              list(self.options.products), "leave flow out, or use `glrender sequence`")
         for name in self.options.keypoints:
             if name not in self.scene.hulls:
                 raise ConfigError(f"keypoints.{name}", "is no body of the scene",

@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 
 from ...base.errors import ConfigError
-from ...base.names import PRODUCTS
 from ...scene.scene import Scene
 from ...view.state import State
 from ..formats import FrameFile
 from ..options import FrameOptions
+from ..surface_maps import UNITS
 from .bop import BopWriter
 from .coco import CocoWriter
 from .images import kept, mask, npy, npz, png
@@ -89,7 +89,7 @@ class Hdf5Writer:
                 packed = {} if data.ndim < 3 or name in ("r_camera_m", "q_camera_from_body") else {
                     "chunks": (1, *data.shape[1:]), "compression": "gzip", "compression_opts": 1, "shuffle": True}
                 file.create_dataset(name, data=data, **packed)
-            units = {f"products/{name}": PRODUCTS[name] for name in file.get("products", {})}
+            units = {f"products/{name}": UNITS[name] for name in file.get("products", {})}
             for name, unit in {"image": self._unit, **units, "r_camera_m": "m", "mask": "1", "index": "1",
                                "q_camera_from_body": "1", "sun_direction_camera": "1"}.items():
                 file[name].attrs["unit"] = unit

@@ -46,7 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--output", choices=OUTPUTS, help="default: irradiance")
     parser.add_argument("--format", choices=(*FORMATS, STREAM),
                         help="png: 16 bits, with dn alone; stream: of compressed; default: fits")
-    parser.add_argument("--products", nargs="*", metavar="NAME", help="range, body_id, incidence, ...")
+    parser.add_argument("--products", nargs="*", metavar="NAME", help="range, body_id, incidence, normal, flow, ...")
     parser.add_argument("--labels", action=argparse.BooleanOptionalAction,
                         help="pose, box, centres and keypoints of each body, in the header")
     parser.add_argument("--seed", type=int, help="of the noise, which each frame has of its own (0)")
