@@ -191,6 +191,7 @@ class CoverageEngine:
         # Where areas overlap, one that is hidden was taken to be seen: which one is not known.
         solar_W_m2 = self._scene.solar_irradiance_of(cells.camera)
         means, unsure, cover = cells.light(changes, solar_W_m2, is_fine, slopes)
+        scales = tuple(each.over(np.count_nonzero(means) / cells.per_px.prod()) for each in scales)
         squared = sum(areas.squared for areas in found) + unsure / cells.per_px.prod() ** 2
         if has_planes:
             squared += sum(float(areas.uneven()[1].sum()) for areas in found)

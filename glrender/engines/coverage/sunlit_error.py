@@ -6,12 +6,12 @@ Squared errors are sums over an image, in units of radiance squared times pixels
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
-from ...planner.error_model import crescent_gain
+from ...planner.error_model import CRESCENT_RAD, crescent_gain
 
 # Errors are estimated from the light of triangles that are clipped: 35 low-poly and 12 finer shapes at 20 to 160 deg
 # against rays (test_coverage_engine.py, benchmarks/heldout.py).
@@ -71,6 +71,13 @@ class ErrorScale:
     n_px: float
     phase_rad: float
     flux_share: float
+
+    def over(self, lit_px: float) -> ErrorScale:
+        """The same where thin parts of bodies share that many pixels with the sky: half of them count at least.
+
+        Outlines are in what errors were fitted to, and crescents have a factor of their own.
+        """
+        return self if self.phase_rad > CRESCENT_RAD else replace(self, n_px=max(self.n_px, 0.5 * lit_px))
 
     @property
     def per_root(self) -> float:
