@@ -23,7 +23,7 @@ from .sunlit_error import CLIPPED_ERROR, pixels_squared
 _BISECTIONS, _BISECTIONS_OF_FEW = 2, 6
 # The part of the error of boundaries between corners that agree that is left where the facets with such corners are
 # divided too, and that each division more leaves of that [1]: 12 frames at tolerances of 0.004 to 0.01, compared with
-# rays, have less. The most such divisions; and the most parts, a round choice that takes 1 s: long ones stop at a fourth.
+# rays, have less. The most such divisions; and the most parts, twice those of long facets, a round choice of 1 s.
 _STILL_MISSED, _STILL_MISSED_LATER = 0.36, 0.5
 _MOST_NEXT = 3
 _MOST_PARTS = 2_500_000
@@ -217,7 +217,7 @@ def _are_long(cutter: FacetCutter, parts: FacetParts, width_m: np.ndarray) -> np
 def _halved(cutter: FacetCutter, parts: FacetParts, width_m: np.ndarray) -> FacetParts:
     """Parts, divided across until none is longer than its facet is wide, or they are too many."""
     done, n_parts = [], len(parts.facet)
-    while 8 * n_parts <= _MOST_PARTS:
+    while 4 * n_parts <= _MOST_PARTS:
         is_long = _are_long(cutter, parts, width_m)
         if not is_long.any():
             break

@@ -26,7 +26,8 @@ def layers(wide_m):
 
 
 @pytest.mark.parametrize("wide_m, turn_deg, max_error", [
-    (2.0, 0.0, 0.05), (2.0, 25.0, 0.02), (0.5, 25.0, 0.05), (1.0, 10.0, 0.02), (3.0, 10.0, 0.02)])
+    (2.0, 0.0, 0.05), (2.0, 25.0, 0.02), (0.5, 25.0, 0.05), (1.0, 10.0, 0.02), (3.0, 10.0, 0.02),
+    pytest.param(0.2, 25.0, 0.05, marks=pytest.mark.slow)])
 def test_crossed_bars_have_the_light_that_they_leave_each_other(wide_m, turn_deg, max_error):
     """All corners are seen and lit from above; at each of the 100 crossings a bar hides one place and shades another.
 
