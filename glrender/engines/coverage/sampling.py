@@ -9,6 +9,7 @@ import numpy as np
 from ...planner.error_model import FEWEST_CENTROIDS
 from ...view.view import BodyView
 from ..rays.engine import RayEngine
+from ..rays.mesh import dot
 from . import accumulate, facet_loops, outlines
 from .corner_visibility import look
 from .facet_radiance import FacetRadiance
@@ -34,13 +35,15 @@ class SampledAreas:
     Attributes
     ----------
     are_exact : bool
-        Whether they are all that is lit: of a convex body alone whose facets are evenly bright.
+        Whether they are all that is lit: of a convex body alone whose facets are evenly bright, none of them by a part
+        of the Sun's disc.
     """
 
     def __init__(self, bodies: Sequence[tuple[FacetTables, BodyView]], views: list[BodyView], cells: ImageCells,
                  solar_W_m2: float, rays: RayEngine):
         self.are_exact = len(views) == 1 and all(
-            facets.is_convex and facets.surface.is_even and facets.surface.body.relief is None for facets, _ in bodies)
+            facets.is_convex and facets.surface.is_even and facets.surface.body.relief is None
+            and not (rays.scene.sun_disc and _has_low_sun(facets, view)) for facets, view in bodies)
         self._cells, self._scale = cells, solar_W_m2 / cells.camera.focal_length_px**2
         self._drawn: list[tuple[FacetTables, BodyView, np.ndarray, np.ndarray]] = []
         for facets, view in bodies:
@@ -74,6 +77,11 @@ class SampledAreas:
                               (columns, last - first))
             found[first:last] = _missed(self._drawn, band, count) * self._scale
         return found
+
+
+def _has_low_sun(facets: FacetTables, view: BodyView) -> bool:
+    """Whether a facet's horizon cuts the Sun's disc."""
+    return bool((np.abs(dot(facets.normal, view.sun_direction_body[:, None])) < view.sun_radius_rad).any())
 
 
 def _missed(drawn: list[tuple[FacetTables, BodyView, np.ndarray, np.ndarray]], cells: ImageCells, count: int
