@@ -69,7 +69,7 @@ def image_advice(scene: Scene, state: State, camera: PinholeCamera, plan: Render
         found += behind
     elif is_dark:
         # Most of the light by areas is missed, or rays do not know that there is none.
-        if in_view and 2.0 * plan.predicted_error > 1.0:
+        if in_view and 2.0 * plan.predicted_error > 1.0 and not all(_is_night(state, name) for name in in_view):
             found.append(Advice("dark", "max_error", (
                 f"no sample met light, and its predicted error is {plan.predicted_error:.2g}: what is lit of "
                 f"{_printable(in_view[0])} may be narrower than samples are apart; give max_error in place of samples, "
