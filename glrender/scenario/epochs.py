@@ -128,6 +128,24 @@ class Epoch:
         return (_J2000 + timedelta(seconds=self.whole_s, microseconds=round(self.fraction_s * 1e6))).isoformat(
             timespec="microseconds")
 
+    @property
+    def utc(self) -> str:
+        """The calendar date in UTC, to the microsecond, leap seconds (23:59:60) included.
+
+        Raises
+        ------
+        ConfigError
+            A date before 1972.
+        """
+        same = self
+        for _ in range(3):
+            same = self.after(Epoch.from_tdb(same.tdb) - Epoch.from_utc(same.tdb))
+        late_s = self - Epoch.from_utc(same.tdb)
+        if abs(late_s) < 0.5:
+            return same.tdb
+        last = (same if late_s > 0.0 else same.after(-1.0)).tdb
+        return f"{last[:17]}60{last[19:]}"
+
     def after(self, t_s: float) -> Epoch:
         """The epoch a time later [s]."""
         sum_s = self.fraction_s + t_s

@@ -229,6 +229,39 @@ def test_an_isd_puts_points_where_the_camera_has_them():
     np.testing.assert_allclose(table["body_rotation"]["angular_velocities"], [rates], atol=1e-12)
 
 
+def test_a_sum_file_puts_points_where_the_camera_has_them(spice):
+    """By SPC's formula, x = MMFL (VLM + SCOBJ).CX / (VLM + SCOBJ).CZ and K (x, y) + CTR, whose pixels begin at 1."""
+    files = exports_of(flight(), ["sum"])
+    assert list(files) == [f"frame_{index:05d}.SUM" for index in range(5)]
+    for index, state in enumerate(flight().states):
+        name, date, *lines = files[f"frame_{index:05d}.SUM"].decode().splitlines()
+        assert name == f"frame_{index:05d}" and lines[-3:] == ["LANDMARKS", "LIMB FITS", "END FILE"]
+        assert abs(spice.str2et(f"{date} UTC") - et_of(state)) < 1.1e-6
+        rows = {}
+        for line in lines[:-3]:
+            words = line.split()
+            n_numbers = next(k for k, word in enumerate(words) if word[0].isalpha())
+            rows[" ".join(words[n_numbers:])] = np.array([float(word.replace("D", "E")) for word in words[:n_numbers]])
+        assert list(rows) == ["NPX, NLN, THRSH", "MMFL, CTR", "SCOBJ", "CX", "CY", "CZ", "SZ", "K-MATRIX", "DISTORTION",
+                              "SIGMA_VSO", "SIGMA_PTG"]
+        assert rows["NPX, NLN, THRSH"].tolist() == [200.0, 100.0, 0.0, 65535.0]
+        to_rock, to_craft, to_camera = (quaternion_matrix(*q) for q in (
+            state.bodies["rock"].q_from_inertial, state.spacecraft.q_from_inertial, CAMERA.q_camera_from_spacecraft))
+        np.testing.assert_allclose([rows["CX"], rows["CY"], rows["CZ"]], to_camera @ to_craft @ to_rock.T, atol=1e-9)
+        rock = state.bodies["rock"].r_inertial_m
+        place = state.spacecraft.r_inertial_m + to_craft.T @ CAMERA.r_camera_spacecraft_m - rock
+        np.testing.assert_allclose(-1e3 * rows["SCOBJ"], to_rock @ place, rtol=1e-9)
+        sun = to_rock @ (state.r_sun_inertial_m - rock)
+        np.testing.assert_allclose(rows["SZ"], sun / np.linalg.norm(sun), atol=1e-9)
+        point = np.array([120.0, -60.0, 80.0])
+        x, y, z = (np.dot(1e-3 * point + rows["SCOBJ"], rows[axis]) for axis in ("CX", "CY", "CZ"))
+        (focal, *centre), k = rows["MMFL, CTR"], rows["K-MATRIX"].reshape(2, 3)
+        found = k[:, :2] @ [focal * x / z, focal * y / z] + centre
+        r = to_camera @ (to_craft @ (to_rock.T @ point - (place - to_craft.T @ CAMERA.r_camera_spacecraft_m))
+                         - CAMERA.r_camera_spacecraft_m)
+        np.testing.assert_allclose(found, [81.0 + 900.0 * r[0] / r[2], 61.0 + 900.0 * r[1] / r[2]], atol=1e-6)
+
+
 def test_equal_flights_give_equal_bytes():
     assert exports_of(flight(), EXPORTS) == exports_of(flight(), EXPORTS)
 
@@ -249,7 +282,7 @@ def without_date(state):
 
 
 @pytest.mark.parametrize("changes, names, words", [
-    ({}, ["oem", "lmk"], "--with: must be one of 'oem', 'aem', 'spk', 'ck', 'isd', got 'lmk'"),
+    ({}, ["oem", "lmk"], "--with: must be one of 'oem', 'aem', 'spk', 'ck', 'isd', 'sum', got 'lmk'"),
     ({"states": [without_date(made(0))]}, ["oem"], "states[0].date_tdb: missing"),
     ({"states": [made(1), made(1)]}, ["ck"], "states[1].date_tdb: must be later"),
     ({"states": [made(1)]}, ["spk"], "states: must be two or more for spk"),
@@ -269,7 +302,9 @@ def without_date(state):
     ({"camera": replace(CAMERA, name="galactic")}, ["spk"], "cameras.galactic.name: must not be that of another of"),
     ({"camera": replace(CAMERA, name="Rock fixed")}, ["ck"], "cameras.Rock fixed.name: must not be that of another of"),
     ({"camera": replace(CAMERA, distortion=BrownConrady(k1=0.01))}, ["isd"],
-     "cameras.Nav cam.distortion: must be absent for isd")])
+     "cameras.Nav cam.distortion: must be absent for isd"),
+    ({"camera": replace(CAMERA, distortion=BrownConrady(k1=0.01))}, ["sum"],
+     "cameras.Nav cam.distortion: must be absent for sum")])
 def test_what_a_file_cannot_hold_is_refused(changes, names, words):
     with pytest.raises(ConfigError) as caught:
         exports_of(flight(**changes), names)

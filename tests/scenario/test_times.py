@@ -20,7 +20,9 @@ def test_utc_is_spices(shared, text):
     """To 1e-6 s by the leap seconds and the TDB - TT of NAIF's naif0012.tls."""
     spice = needed_module("spiceypy", "pip install -e '.[test]'")
     spice.furnsh(str(shared / "kernels" / "naif0012.tls"))
-    np.testing.assert_allclose(Epoch.from_utc(text).et_s, spice.str2et(text), atol=1e-6)
+    epoch = Epoch.from_utc(text)
+    np.testing.assert_allclose(epoch.et_s, spice.str2et(text), atol=1e-6)
+    assert epoch.utc == spice.et2utc(spice.str2et(text), "ISOC", 6)
 
 
 def test_scales_differ_as_defined():

@@ -12,6 +12,7 @@ from .ccsds_messages import aem, oem
 from .flight import Flight
 from .isd_files import isds
 from .kernels import ck, codes_of, spk
+from .sum_files import sums
 from .text_kernels import fk, ik, sclk
 
 STEM = "frames"
@@ -19,6 +20,10 @@ STEM = "frames"
 
 def _of_isd(flight: Flight) -> dict[str, bytes]:
     return {f"frame_{index:05d}.isd.json": text.encode() for index, text in enumerate(isds(flight))}
+
+
+def _of_sum(flight: Flight) -> dict[str, bytes]:
+    return {f"frame_{index:05d}.SUM": text.encode() for index, text in enumerate(sums(flight))}
 
 
 def _of_spk(flight: Flight) -> dict[str, bytes]:
@@ -34,7 +39,7 @@ def _of_ck(flight: Flight) -> dict[str, bytes]:
 EXPORTS: Mapping[str, Callable[[Flight], dict[str, bytes]]] = {
     "oem": lambda flight: {f"{STEM}.oem": oem(flight).encode()},
     "aem": lambda flight: {f"{STEM}.aem": aem(flight).encode()},
-    "spk": _of_spk, "ck": _of_ck, "isd": _of_isd}
+    "spk": _of_spk, "ck": _of_ck, "isd": _of_isd, "sum": _of_sum}
 """Contents of files by their names, for each export."""
 
 
