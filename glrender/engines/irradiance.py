@@ -174,11 +174,15 @@ class IrradiancePass:
         return min(made, Made(*aimed, aimed[1].predicted_error), key=lambda each: each.error)
 
     def _areas(self, window: WindowPlan, frame: Frame, grid: tuple[int, int]) -> SampledAreas | None:
-        """Areas that tell of the light that samples in the cells of a grid miss: `CoverageEngine.sampled_areas`."""
+        """Areas that tell of the light that samples in the cells of a grid miss: `CoverageEngine.sampled_areas`.
+
+        In an eclipse without those who cast it.
+        """
         if self._coverage is None:
             return None
+        views = [view for view in frame.views if not window.eclipse_px or view.name in window.bodies]
         return self._coverage.sampled_areas(
-            window.bodies, list(frame.views), ImageCells(frame.camera, window.bounds_px, grid),
+            window.bodies, views, ImageCells(frame.camera, window.bounds_px, grid),
             is_crowded=window.noise[1] > MOST_FACETS_PER_PX)
 
     def _draw_grid(self, group: Group, window: WindowPlan, frame: Frame, clock: Clock
@@ -262,7 +266,7 @@ class IrradiancePass:
                 check = ShadowCheck(self._rays, window, frame)
         draw = partial(self._draw_tile, window, frame, clock)
         is_eclipsed = window.eclipse_px > 0.0
-        variance = np.zeros_like(mean) if is_eclipsed else None
+        variance, share = (np.zeros_like(mean), np.ones_like(mean)) if is_eclipsed else (None, 1.0)
         crease_rad, facets_per_px = window.noise
         noise = error_model.noise_gain(crease_rad, facets_per_px / window.samples**2)
         gain = noise * error_model.crescent_gain(group.phase_rad)
@@ -283,7 +287,8 @@ class IrradiancePass:
             if is_eclipsed:
                 bare = sum(self._draw_tile(window, replace(frame, views=[view]), clock, tile, window.samples, mask)
                            for view in group.views)
-                variance[tile] = eclipse_samples.sample_variances(samples, bare, window.samples, window.eclipse_px)
+                variance[tile], share[tile] = eclipse_samples.sample_variances(
+                    samples, bare, window.samples, window.eclipse_px)
         power = error_model.noise_power(noise)
         if is_eclipsed:
             power = min(power, eclipse_samples.ECLIPSE_POWER)
@@ -293,11 +298,12 @@ class IrradiancePass:
         light, is_crowded = mean, facets_per_px > MOST_FACETS_PER_PX
         areas = None if is_crowded else self._areas(window, frame, (x1 - x0, y1 - y0))
         if areas is not None:
-            of_areas = np.abs(areas.missed(window.samples))
+            are_exact = areas.are_exact and not is_eclipsed
+            of_areas = share * np.abs(areas.missed(window.samples))
             # Where nothing hides or shades, areas know the error of each pixel, however small.
-            is_larger = areas.are_exact | (of_areas > _MUCH_LARGER * error)
+            is_larger = are_exact | (of_areas > _MUCH_LARGER * error)
             if is_larger.any():
-                error, of_all = np.where(is_larger, of_areas, error), areas.missed(0)
+                error, of_all = np.where(is_larger, of_areas, error), share * areas.missed(0)
                 # An image is dark for what samples pass by, and for no shadow, where they miss most of the light of
                 # areas; it is too bright where they meet thin parts. The larger error holds where none is drawn again.
                 if not mean.any():
@@ -306,7 +312,7 @@ class IrradiancePass:
                     is_of_areas = frame_error(of_all, error) > frame_error(mean, error)
                 else:
                     is_of_areas = mean.sum() > of_all.sum()
-                light = of_all if areas.are_exact or is_of_areas else mean
+                light = of_all if are_exact or is_of_areas else mean
             else:
                 areas = None
         now = frame_error(light, error)
@@ -339,17 +345,17 @@ class IrradiancePass:
                 np.copyto(mean[tile], pixels, where=mask.astype(bool))
                 clock.lap("readback")
         reached, told = refinement.predicted_error, {}
-        if areas is not None:
-            finer = (window.samples / refinement.samples) ** np.where(is_aligned, 1.0, 0.5 * power)
-            after = error * np.where(refinement.mask, finer, 1.0)
-            again = np.where(refinement.mask, np.abs(areas.missed(refinement.samples)), 0.0)
-            after = np.where((again > _MUCH_LARGER * after) | is_larger, np.maximum(after, again), after)
-            reached = max(reached, frame_error(light, after))
         if is_eclipsed:
             # More pixels are lit than the first samples showed.
             count = eclipse_samples.counts(refinement, window.samples)
             reached = frame_error(mean, error * (window.samples / count) ** np.where(is_aligned, 1.0, 0.5 * power))
             told = {"flux_error": eclipse_samples.flux_error(mean, variance, count)}
+        if areas is not None:
+            finer = (window.samples / refinement.samples) ** np.where(is_aligned, 1.0, 0.5 * power)
+            after = error * np.where(refinement.mask, finer, 1.0)
+            again = np.where(refinement.mask, share * np.abs(areas.missed(refinement.samples)), 0.0)
+            after = np.where((again > _MUCH_LARGER * after) | is_larger, np.maximum(after, again), after)
+            reached = max(reached, frame_error(light, after))
         return mean, replace(window, drawn={"samples": reached, "edges of shadow maps": edges}, **told,
                              refined_samples=refinement.samples, refined_share=refinement.share)
 

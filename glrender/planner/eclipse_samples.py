@@ -26,14 +26,19 @@ _FLUX_ERROR = 1.5
 _NARROW_PX, _MOST_GAIN = 3.0, 2.0
 # Side of the square in which the share that is left is even, over the penumbra's width [1], and at least [px].
 _EVEN_SHARE, _LEAST_EVEN_PX = 0.25, 1.5
+# Light of a neighbourhood over the brightest sample [1] below which it is rounding.
+_DARK = 1e-6
 # Samples across a small body's own grid by which its light without an eclipse is known to 0.2 %, at full phase.
 _BARE_SAMPLES = 96
 # Times that a tolerance is halved for the total's sake, at most.
 _MOST_HALVINGS = 6
 
 
-def sample_variances(samples: np.ndarray, bare: np.ndarray, count: int, width_px: float) -> np.ndarray:
+def sample_variances(samples: np.ndarray, bare: np.ndarray, count: int, width_px: float
+                     ) -> tuple[np.ndarray, np.ndarray]:
     """Variance (height, width) float32 of one sample of a pixel by the point of the Sun's disc that it meets.
+
+    And the share (height, width) float32 of its light that the penumbra leaves: that of all where none near is lit.
 
     Parameters
     ----------
@@ -51,7 +56,9 @@ def sample_variances(samples: np.ndarray, bare: np.ndarray, count: int, width_px
     left, light = (cv2.blur(each / scale, (2 * reach + 1,) * 2, borderType=cv2.BORDER_CONSTANT)
                    for each in (samples, bare))
     left = np.clip(left / np.maximum(light, 1e-12), 0.0, 1.0)
-    return scale**2 * pixel_means(np.square(bare / scale) * left * (1.0 - left), count)
+    variance = scale**2 * pixel_means(np.square(bare / scale) * left * (1.0 - left), count)
+    of_all = min(float(samples.sum(dtype=float) / bare.sum(dtype=float)), 1.0) if bare.any() else 1.0
+    return variance, pixel_means(np.where(light > _DARK, left, np.float32(of_all)), count)
 
 
 def pixel_errors(variance: np.ndarray, count: int, width_px: float) -> np.ndarray:

@@ -9,8 +9,8 @@ import pytest
 import solids
 import views
 from facet_images import facet_image
-from glrender import Body, Renderer, frames
-from glrender.base.constants import AU_M
+from glrender import Body, Pose, Renderer, frames
+from glrender.base.constants import AU_M, SUN_RADIUS_M
 from glrender.brdf import Lambert
 from glrender.engines.coverage.facet_tables import FacetTables
 from glrender.engines.coverage.image_cells import ImageCells
@@ -90,6 +90,25 @@ def test_a_bar_narrower_than_samples_next_to_a_wide_one(engine, wide_px, texture
         image = renderer.render(state, engine=engine, max_error=0.02)
     error = views.relative_rms(image.irradiance_W_m2.astype(float), LIGHT * area)
     assert error <= 1.2 * image.plan.predicted_error
+
+
+@pytest.mark.parametrize("wide_px, middle_px, more", [(0.1, 0.52, ()), (1e-3, 0.501, ()), (15.3, -8.0, ((0.02, 8.5),))])
+@pytest.mark.parametrize("hidden", [0.5, 2.0])
+def test_in_an_eclipse_a_bar_has_its_error_by_the_light_that_is_left(wide_px, middle_px, more, hidden):
+    """A far sphere hides the middle of the Sun, a quarter of its disc, or twice as much as all of it."""
+    scene, state, area = bar(wide_px, middle_px, *more)
+    to_sun, far_m = state.r_sun_inertial_m / AU_M, 1e6
+    other = views.sphere(Lambert(normal_albedo=0.3), 4, hidden * far_m * SUN_RADIUS_M / AU_M, "other")
+    state = replace(state, bodies={**state.bodies, "other": Pose(r_inertial_m=far_m * to_sun)})
+    with Renderer(replace(scene, bodies=[*scene.bodies, other], sun_disc=True)) as renderer:
+        image = renderer.render(state, engine="rays", max_error=0.02)
+    truth = max(1.0 - hidden**2, 0.0) * LIGHT * area
+    if hidden > 1.0:
+        assert not image.irradiance_W_m2.any() and not truth.any()
+        # Where no sample meets the bar nobody knows of a shadow.
+        assert image.plan.predicted_error < 1e-4 or wide_px < 0.1
+    else:
+        assert views.relative_rms(image.irradiance_W_m2.astype(float), truth) <= 1.2 * image.plan.predicted_error
 
 
 @pytest.mark.parametrize("panel_px", [None, 2.0])

@@ -99,6 +99,15 @@ def test_an_image_with_much_less_light_than_its_corners_promise_errs_over_its_ow
     assert image.by_its_light().error == pytest.approx((0.01 * times, 0.02 * times))
 
 
+def test_thin_parts_err_over_the_pixels_that_they_light_but_for_crescents():
+    """Facets of 100 px that light 1000 err over half of these; the outline alone lights 120."""
+    scale = ErrorScale(light=10.0, n_px=100.0, phase_rad=1.0, flux_share=0.1)
+    assert scale.over(1000.0).per_root == pytest.approx(np.sqrt(5.0) * scale.per_root)
+    assert scale.over(120.0) == scale
+    crescent = ErrorScale(light=10.0, n_px=100.0, phase_rad=2.5, flux_share=0.1)
+    assert crescent.over(1000.0) == crescent
+
+
 def test_the_safety_of_a_thousand_triangles_is_no_more_than_their_scatter_asks_for():
     """Shares of light that are wrong as above: 95 % of the sums are within, and a third of them near."""
     wrong = CLIPPED_ERROR * np.random.default_rng(6).standard_t(4.0, (2000, 1000)) ** 2 / 2.0
