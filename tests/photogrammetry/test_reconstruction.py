@@ -233,7 +233,7 @@ def test_given_poses_that_are_no_datum_are_refused(frames, given, message):
 def test_free_poses_are_found_from_features(frames, truth, capfd):
     """Given poses that are off in turn, scale and shift as a whole are found as they are, but for just these.
 
-    Within 0.2 % of the range (3 px) and 0.3 deg: a turn of a narrow field is a shift; points are off as far."""
+    Within 0.2 % of the range (3 px) and 0.3 deg: a turn of a narrow field is a shift; points are off by that turn."""
     turn, scale, shift_m = Rotation.from_rotvec([0.2, -0.1, 0.3]).as_matrix(), 1.1, np.array([50.0, -20.0, 30.0])
     off = [replace(frame, camera_from_body=frame.camera_from_body @ turn.T,
                    r_camera_body_m=scale * turn @ frame.r_camera_body_m + shift_m) for frame in frames]
@@ -245,7 +245,7 @@ def test_free_poses_are_found_from_features(frames, truth, capfd):
         angle = Rotation.from_matrix(frame.camera_from_body @ own.camera_from_body.T).magnitude()
         assert np.degrees(angle) < 0.3
     back_m = (found["points_m"] - shift_m) @ turn / scale
-    assert np.median(np.abs(Closest(truth)(back_m)[0])) < 5.0 * frames[0].px_m
+    assert np.median(np.abs(Closest(truth)(back_m)[0])) < 6.0 * frames[0].px_m
 
 
 def test_places_and_attitudes_that_are_a_prior_hold_the_found_ones(frames, truth):
