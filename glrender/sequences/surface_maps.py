@@ -24,6 +24,18 @@ def made_of(names: Iterable[str]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(each for name in names for each in (_MADE_OF if name in MAPS else (name,))))
 
 
+def refuse_flow(names: Iterable[str]) -> None:
+    """Refuse a flow of frames that have no next one.
+
+    Raises
+    ------
+    ConfigError
+    """
+    if "flow" in names:
+        raise ConfigError("products", "must be without flow but in a sequence, whose frames have a next one",
+                          list(names), "leave flow out, or use `glrender sequence`")
+
+
 def surface_maps(scene: Scene, state: State, camera: PinholeCamera, products: Mapping[str, np.ndarray],
                  names: Iterable[str], following: tuple[State, ...] | None = None) -> dict[str, np.ndarray]:
     """Images of the ground at each pixel's centre, by their names out of `MAPS`; NaN, and -1 of numbers, on the sky.
@@ -53,9 +65,8 @@ def surface_maps(scene: Scene, state: State, camera: PinholeCamera, products: Ma
         A flow without a next frame.
     """
     names = tuple(names)
-    if "flow" in names and following is None:
-        raise ConfigError("products", "flow goes with a sequence, whose frames have a next one", list(names),
-                          "leave flow out, or use `glrender sequence`")
+    if following is None:
+        refuse_flow(names)
     body_id, shape = products["body_id"], products["body_id"].shape
     made = {"normal": np.full((*shape, 3), np.nan, np.float32), "tilt": np.full(shape, np.nan, np.float32),
             "part_id": np.full(shape, -1, np.int32), "flow": np.full((*shape, 2), np.nan, np.float32)}

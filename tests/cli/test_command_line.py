@@ -112,6 +112,7 @@ def test_render_takes_a_state_file(folder, monkeypatch):
     (["render", "scene.toml", "--out", "no/frame.png"], "--out: must be in a folder that is there"),
     (["render", "scene.toml", "--products", "range"], "--products: need a file that holds them, got 'frame.png'"),
     (["render", "scene.toml", "--products", "rang", "--out", "a.npz"], "did you mean 'range'?"),
+    (["render", "scene.toml", "--products", "flow", "--out", "a.npz"], "products: must be without flow but in a seq"),
     (["render", "scene.toml", "--raw"], "--raw: is of digital numbers in a PNG"),
     (["render", "scene.toml", "--white", "-1"], "--white: must be > 0, got -1.0"),
     (["render", "scene.toml", "--exposure-s", "1"], "--exposure-s: is of digital numbers alone"),
@@ -247,7 +248,7 @@ def test_every_command_explains_itself(name, capsys):
 def test_a_shape_needs_no_scene_file(folder, capsys, monkeypatch):
     monkeypatch.chdir(folder)
     generate.icosphere(radius_m=100.0, subdivisions=3).to_file(folder / "ball.obj")
-    assert main(["render", "ball.obj", "--unit", "m", "--output", "dn", "--out", "a.fits", "--products", "range"]) == 0
+    assert main(["render", "ball.obj", "--unit", "m", "--output", "dn", "--out", "a.fits", "--products", "tilt"]) == 0
     line = capsys.readouterr().out
     assert "1024 x 1024" in line and " DN, exposure " in line and "% saturated, predicted error" in line
     asked = "centroid_px=0.05,flux=0.001"

@@ -148,6 +148,6 @@ def products_of(path):
 
 
 def test_a_frame_on_its_own_has_no_flow(tmp_path):
-    with pytest.raises(ConfigError, match="products: must be without flow in a data set"):
+    with pytest.raises(ConfigError, match="products: must be without flow but in a sequence"):
         DataSet(scene=scene_of(tmp_path), states=[STATE], folder=tmp_path / "out", frames_a_shard=1,
                 format="webdataset", options=FrameOptions(camera="c", output="dn", format="npz", products=("flow",)))

@@ -27,6 +27,7 @@ from ..header import VERSION, camera_table
 from ..options import FrameOptions, exposures_of
 from ..processes import Pool, own_processes, parted, processes_of
 from ..sequence import digest_of_scene, digest_of_states
+from ..surface_maps import refuse_flow
 from ..warned import counted, in_words
 from . import bop, coco
 from .drawing import Setup, draw_elsewhere, draw_here, start, stop
@@ -92,9 +93,7 @@ class DataSet:
             if self.options.products:
                 raise ConfigError("products", "must be none with bop, which has depths", list(self.options.products),
                                   "leave them out, or use another format")
-        if "flow" in self.options.products:
-            raise ConfigError("products", "must be without flow in a data set, whose frames have no next one",
-                              list(self.options.products), "leave flow out, or use `glrender sequence`")
+        refuse_flow(self.options.products)
         for name in self.options.keypoints:
             if name not in self.scene.hulls:
                 raise ConfigError(f"keypoints.{name}", "is no body of the scene",

@@ -13,6 +13,7 @@ from glrender.capture.outputs import has_exposure
 from glrender.engines.image import checked_products
 from glrender.sequences.formats import write_stream
 from glrender.sequences.sequence import frame_file
+from glrender.sequences.surface_maps import UNITS, refuse_flow
 
 from ..drawing import add_drawing, draw, in_words, summary
 from ..picture import WITHOUT_PRODUCTS, add_picture, check_codec, check_picture, check_stream, write_frame
@@ -38,7 +39,8 @@ def run(arguments: argparse.Namespace) -> int:
     else:
         arguments.out = arguments.out or Path("frame.png")
         check_picture(arguments, "DN" if has_exposure(arguments.output) else "W/m2")
-    checked_products(arguments.products)
+    checked_products(arguments.products, tuple(UNITS))
+    refuse_flow(arguments.products)
     if arguments.products and not is_stream and arguments.out.suffix.lower() in WITHOUT_PRODUCTS:
         raise ConfigError("--products", "need a file that holds them", str(arguments.out), "--out frame.fits")
     drawn = draw(arguments, partial(check_codec, arguments.out)) if is_stream else draw(arguments)
