@@ -311,7 +311,8 @@ class IrradiancePass:
                 elif math.isinf(window.budget.tolerance):
                     is_of_areas = frame_error(of_all, error) > frame_error(mean, error)
                 else:
-                    is_of_areas = mean.sum() > of_all.sum()
+                    # Lamps' light is in no area.
+                    is_of_areas = mean.sum() > of_all.sum() and not self._rays.scene.lamps
                 light = of_all if are_exact or is_of_areas else mean
             else:
                 areas = None

@@ -212,7 +212,8 @@ class Body:
             made = replace(self, shape=shape, brdf=law, materials=None, albedo_map=image)
         if self.smooth_normals:
             used = np.unique(self.shape.facets[self.looks == number])
-            vars(made.shape)["vertex_normals"] = self.shape.vertex_normals[used]
+            # Those of the whole: a part alone has others along its border.
+            vars(made.drawn_shape)["vertex_normals"] = self.shape.vertex_normals[used]
         return made
 
     @classmethod

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from glb_parts import SHEET_UV, glb, material, png, png_head, sheet
-from glrender import Body, ConfigError, Scene
+from glrender import Body, ConfigError, Scene, generate
 from glrender.brdf import Lambert, Microfacet
 from glrender.scenario.belief.belief import BodyBelief
 from glrender.scene.shape.textures import MAX_TEXTURE_PX
@@ -339,6 +339,24 @@ def test_materials_that_a_library_does_not_give_are_asked_for(tmp_path, mtl, mes
 def test_facets_before_the_first_usemtl_have_none(tmp_path):
     with pytest.raises(ConfigError, match=r"materials\.without usemtl: missing"):
         opened(obj(tmp_path, first="f 1 3 4\n"))
+
+
+def test_smooth_parts_have_the_normals_of_the_whole(tmp_path):
+    """Along the border of two materials, near the origin and about a centre far from it."""
+    shape = generate.icosphere(radius_m=1.0, subdivisions=1)
+    is_up = shape.vertices_m[shape.facets].mean(axis=1)[:, 2] > 0.0
+    (tmp_path / "two.mtl").write_text("newmtl white\nKd 0.8 0.8 0.8\nnewmtl black\nKd 0.1 0.1 0.1\n")
+    for x in (0.0, 30.0):
+        lines = ["mtllib two.mtl", *(f"v {a + x} {b} {c}" for a, b, c in shape.vertices_m)]
+        for name, chosen in (("white", is_up), ("black", ~is_up)):
+            lines += [f"usemtl {name}", *(f"f {a} {b} {c}" for a, b, c in shape.facets[chosen] + 1)]
+        (tmp_path / "two.obj").write_text("\n".join(lines))
+        body = Body.from_file(tmp_path / "two.obj", name="body", length_unit="m", smooth_normals=True)
+        assert body.shape.centre_m.any() == (x > 0.0) and len(body.parts) == 2
+        for part, facets in zip(body.parts, body.part_facets, strict=True):
+            drawn = part.drawn_shape
+            np.testing.assert_array_equal(drawn.vertex_normals[drawn.facets],
+                                          body.drawn_shape.vertex_normals[body.shape.facets[facets]])
 
 
 def test_names_may_have_a_hash_and_a_bare_usemtl_ends_a_material(tmp_path):

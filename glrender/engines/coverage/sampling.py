@@ -36,12 +36,12 @@ class SampledAreas:
     ----------
     are_exact : bool
         Whether they are all that is lit: of a convex body alone whose facets are evenly bright, none of them by a part
-        of the Sun's disc.
+        of the Sun's disc or by a lamp.
     """
 
     def __init__(self, bodies: Sequence[tuple[FacetTables, BodyView]], views: list[BodyView], cells: ImageCells,
                  solar_W_m2: float, rays: RayEngine):
-        self.are_exact = len(views) == 1 and all(
+        self.are_exact = len(views) == 1 and not rays.scene.lamps and all(
             facets.is_convex and facets.surface.is_even and facets.surface.body.relief is None
             and not (rays.scene.sun_disc and _has_low_sun(facets, view)) for facets, view in bodies)
         self._cells, self._scale = cells, solar_W_m2 / cells.camera.focal_length_px**2

@@ -9,13 +9,14 @@ import pytest
 import solids
 import views
 from facet_images import facet_image
-from glrender import Body, Pose, Renderer, frames
+from glrender import Body, Pose, Renderer, frames, open_renderer
 from glrender.base.constants import AU_M, SUN_RADIUS_M
 from glrender.brdf import Lambert
 from glrender.engines.coverage.facet_tables import FacetTables
 from glrender.engines.coverage.image_cells import ImageCells
 from glrender.engines.coverage.sampling import SampledAreas
 from glrender.engines.rays.engine import RayEngine
+from glrender.scene.lamp import Lamp
 from glrender.view.view import view_bodies
 
 RANGE_M, LENGTH_PX, SIDE_PX = 1e6, 30.3, 48
@@ -204,3 +205,16 @@ def test_a_textured_needle_of_few_pixels_keeps_its_light_or_says_what_it_lost(ph
         predicted = image.plan.predicted_error
         assert views.relative_rms(image.irradiance_W_m2, truth) <= 1.02 * predicted and predicted <= max_error
         assert image.irradiance_W_m2.sum() == pytest.approx(truth.sum(), rel=max_error)
+
+
+@pytest.mark.parametrize("phase_deg", [60.0, 180.0])
+def test_samples_of_a_lamps_light_have_an_error(phase_deg):
+    """A convex body alone, by day and night, beneath a lamp: against rays, 64 by 64 a pixel."""
+    lamp = Lamp(name="lamp", intensity_W_sr=1e5, half_angle_deg=3.0)
+    scene = views.scene([views.sphere(Lambert(normal_albedo=0.3), 1, radius_m=1.0)], [views.camera(64, 300.0)],
+                        sun_disc=False, lamps=[lamp])
+    state = views.state(phase_deg, range_m=12.0)
+    with Renderer(scene) as renderer, open_renderer(scene, "raytrace") as rays:
+        image, truth = renderer.render(state, max_error=0.005), rays.render(state, samples=64)
+    error = views.relative_rms(image.irradiance_W_m2.astype(float), truth.irradiance_W_m2.astype(float))
+    assert error < image.plan.predicted_error < 0.006
