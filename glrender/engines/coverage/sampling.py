@@ -76,6 +76,9 @@ class SampledAreas:
             band = ImageCells(cells.camera, (left, top + first / cells.per_px[1], right, top + last / cells.per_px[1]),
                               (columns, last - first))
             found[first:last] = _missed(self._drawn, band, count) * self._scale
+        if not count:
+            # What rounding leaves in dark cells would count them as lit.
+            found[found < accumulate.ROUNDING * found.max(initial=0.0)] = 0.0
         return found
 
 
