@@ -86,6 +86,10 @@ def _length(value: Any) -> float:
     return math.hypot(*value)
 
 
+def _unless_0(value: Any) -> Any:
+    return value or math.inf
+
+
 _LENGTHS = (("mm", 1e-3), ("cm", 1e-2), ("um", 1e-6), ("km", 1e3))
 _FAR = (("km", 1e3), ("au", AU_M))
 _TURNS = (("deg/s", math.pi / 180.0), ("rpm", math.pi / 30.0))
@@ -100,6 +104,8 @@ RULES = (
          (("um", 1e3), ("m", 1e9), ("pm", 1e-3)), np.asarray),
     Rule("optics", "aperture_diameter_m", 1e-4, 2.0, "m", "of HiRISE 0.5 m, of the smallest lenses 0.5 mm", _LENGTHS),
     Rule("optics", "pixel_pitch_m", 3e-7, 1e-3, "m", "detectors have pixels of 0.5 to 50 um", _LENGTHS),
+    Rule("law", "roughness_deg", 1.5, math.inf, "deg", "or 0; fits of small bodies have 5 to 40", (
+        ("rad", 180.0 / math.pi),), _unless_0),
     Rule("camera", "r_camera_spacecraft_m", 0.0, 100.0, "m", "the longest boom in space had 60 m", _LENGTHS, _length),
     Rule("body", "rotation_period_s", _STEADY, math.inf, "s", _FAST, _TIMES),
     Rule("body", "rate_deg_day", 0.0, 360.0 * 86400.0 / _STEADY, "deg/day", _FAST, ()),

@@ -1,4 +1,4 @@
-"""Finds improbable or impossible values in the fields of cameras, most often for their unit."""
+"""Finds improbable or impossible values in the fields of cameras and laws, most often for their unit."""
 
 from __future__ import annotations
 
@@ -9,14 +9,15 @@ from glrender_camera import CameraModel, Detector, PinholeCamera
 
 from ..base.errors import ConfigError
 from ..base.plausible import Advice, doubt, improbable, way_out
+from .body import Body
 from .solar_irradiance import box_irradiance_1au_W_m2, solar_spectrum
 
 GAIN_RATIO = 5.0
 """Ratio, either way, of a full well to what the bits hold [DN] from which on the gain is doubted: of the detectors of
 Cassini, LORRI, AMICA, ONC and OSIRIS in their usual states it is below 3."""
-WIDEST_CORNER_DEG = 70.0
+WIDEST_CORNER_DEG = 75.0
 """Likely angle [deg] of an undistorted image's farthest corner off the boresight, at most: the widest rectilinear
-lenses for 43 mm of detector, of 9 mm, reach 67.5."""
+lenses for 43 mm of detector, of 9 mm, reach 67.5; a hazard camera's 136 x 102 deg, taken as a pinhole's, 70.1."""
 IRRADIANCE_OFF = 0.2
 """Share by which a solar irradiance may differ from E490's in the band: other spectra differ by some per cent, the
 edges of a filter move it by ten."""
@@ -50,6 +51,15 @@ def camera_doubts(index: int, camera: PinholeCamera, solar_irradiance_1au_W_m2: 
     elif given_W_m2 is not None and given_W_m2 > (1.0 + IRRADIANCE_OFF) * box_irradiance_1au_W_m2(_spectrum_nm()):
         found += _irradiance(camera.name, _spectrum_nm(), given_W_m2)
     return tuple(found)
+
+
+def law_doubts(index: int, body: Body) -> tuple[Advice, ...]:
+    """Warnings of the laws of a scene's body, which has an index there."""
+    path = f"bodies[{index}]"
+    laws = {f"{path}.materials.{name}": law for name, law in (body.materials or {}).items()}
+    if body.brdf is not None:
+        laws = {f"{path}.brdf": body.brdf}
+    return tuple(advice for at, law in laws.items() for advice in improbable("law", law, at))
 
 
 def refuse_bands_without_sun(index: int, camera: PinholeCamera) -> None:

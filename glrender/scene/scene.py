@@ -17,7 +17,7 @@ from ..base.plausible import Advice
 from . import scene_file as scene_tables
 from .body import Body
 from .lamp import Lamp
-from .plausible import camera_doubts, refuse_bands_without_sun
+from .plausible import camera_doubts, law_doubts, refuse_bands_without_sun
 from .shape.convex_hull import Hull
 from .solar_irradiance import box_irradiance_1au_W_m2
 from .stars import Stars
@@ -108,8 +108,9 @@ class Scene:
 
     @cached_property
     def doubts(self) -> dict[str, tuple[Advice, ...]]:
-        """Warnings of each camera's fields that are improbable, most often for their unit, by the camera's name."""
-        return {camera.name: camera_doubts(index, camera, self.solar_irradiance_1au_W_m2)
+        """Warnings by camera of its and all laws' fields that are improbable, most often for their unit."""
+        laws = tuple(advice for index, body in enumerate(self.bodies) for advice in law_doubts(index, body))
+        return {camera.name: camera_doubts(index, camera, self.solar_irradiance_1au_W_m2) + laws
                 for index, camera in enumerate(self.cameras)}
 
     def solar_irradiance_of(self, camera: PinholeCamera) -> float:

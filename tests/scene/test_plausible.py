@@ -57,11 +57,23 @@ def told(table):
     ((), {"solar_irradiance_1au_W_m2": 0.7152}, "solar_irradiance_1au_W_m2", "leave it out"),
     (("cameras", 0), {"r_camera_spacecraft_m": [350.0, 0.0, 120.0]}, "cameras[0].r_camera_spacecraft_m",
      "is likely at most 100 m (the longest boom in space had 60 m), got [350, 0, 120]; in mm? then write [0.35,"),
+    (("bodies", 0, "brdf"), {"law": "oren_nayar", "roughness_deg": 0.4}, "bodies[0].brdf.roughness_deg",
+     "is likely at least 1.5 deg (or 0; fits of small bodies have 5 to 40), got 0.4; in rad? then write 22.9183"),
     (("cameras", 0), {"focal_length_px": 0.1}, "cameras[0].focal_length_px", "got 0.1; it is the focal length over"),
 ])
 def test_an_improbable_field_is_told_with_its_way_out(place, fields, path, piece):
     (said,) = told(changed(place, **fields))
     assert said[:2] == ("unit", path) and said[2].startswith(f"{path}: ") and piece in said[2]
+
+
+@pytest.mark.parametrize("place, fields", [
+    (("bodies", 0, "brdf"), {"law": "oren_nayar", "roughness_deg": 0.0}),
+    (("bodies", 0, "brdf"), {"law": "oren_nayar", "roughness_deg": 3.0}),
+    # A pinhole of 136 x 102 deg, as hazard cameras of rovers see, and a lens of any field.
+    (("cameras", 0), {"width_px": 5120, "height_px": 2554, "focal_length_px": 1034.0}),
+    (("cameras", 0), {"focal_length_px": 2.0, "distortion": {"k1": 0.1}})])
+def test_smooth_laws_wide_cameras_and_lenses_are_no_doubt(place, fields):
+    assert told(changed(place, **fields)) == []
 
 
 def test_a_band_of_micrometres_is_told_whether_or_not_the_irradiance_is_given():
