@@ -103,7 +103,7 @@ def tried(scene: Scene, states: Sequence[State], options: FrameOptions, n_frames
     indices = chosen(states, scene.bodies[0].name, n_frames)
     with open_renderer(scene, options.backend) as renderer, TemporaryDirectory(prefix="glrender-trial-") as folder:
         path = Path(folder, f"frame.{file_ending(scene.camera(options.camera), options)}")
-        rows = [_row(renderer, index, states[index], options, measured or _written(path))
+        rows = [_row(renderer, index, states[index:index + 2], options, measured or _written(path))
                 for index in indices]
     of_frames = {name: np.array([row[name] for row in rows if row[name] is not None]) for name in (
         "exposure_s", "least", "greatest", "saturated_share")}
@@ -113,11 +113,13 @@ def tried(scene: Scene, states: Sequence[State], options: FrameOptions, n_frames
                  warnings=counted(row["header"] for row in rows))
 
 
-def _row(renderer: Any, index: int, state: State, options: FrameOptions, measured: Measured) -> dict[str, Any]:
-    began = time.process_time()
+def _row(renderer: Any, index: int, states: Sequence[State], options: FrameOptions, measured: Measured
+         ) -> dict[str, Any]:
+    """What is known of a frame, of its state and the next one's."""
+    began, (state, *following) = time.process_time(), states
     with paths_of_state(index):
         capture = captured(renderer, index, state, options)
-        file = frame_file(renderer.scene, index, state, options, capture, ())
+        file = frame_file(renderer.scene, index, state, options, capture, tuple(following))
     n_bytes, problem = np.nan, ""
     try:
         n_bytes = measured(index, state, file)

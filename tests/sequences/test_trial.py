@@ -36,7 +36,7 @@ def test_the_nearest_and_the_farthest_are_tried(n, expected):
 
 def test_a_trial_has_the_figures_of_the_frames_that_are_made_later(scene, tmp_path):
     """All frames are tried, so that each figure is the sequence's own."""
-    options = FrameOptions(camera="navcam", output="dn", format="npz", seed=4, products=("range",))
+    options = FrameOptions(camera="navcam", output="dn", format="npz", seed=4, products=("range", "flow"))
     trial = tried(scene, STATES, options, 12)
     sequence = FrameSequence(scene=scene, states=STATES, folder=tmp_path / "out", options=options)
     assert list(sequence.draw(1)) == list(trial.indices)
