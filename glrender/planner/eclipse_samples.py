@@ -26,8 +26,6 @@ _FLUX_ERROR = 1.5
 _NARROW_PX, _MOST_GAIN = 3.0, 2.0
 # Side of the square in which the share that is left is even, over the penumbra's width [1], and at least [px].
 _EVEN_SHARE, _LEAST_EVEN_PX = 0.25, 1.5
-# Light of a neighbourhood over the brightest sample [1] below which it is rounding.
-_DARK = 1e-6
 # Samples across a small body's own grid by which its light without an eclipse is known to 0.2 %, at full phase.
 _BARE_SAMPLES = 96
 # Times that a tolerance is halved for the total's sake, at most.
@@ -58,7 +56,7 @@ def sample_variances(samples: np.ndarray, bare: np.ndarray, count: int, width_px
     left = np.clip(left / np.maximum(light, 1e-12), 0.0, 1.0)
     variance = scale**2 * pixel_means(np.square(bare / scale) * left * (1.0 - left), count)
     of_all = min(float(samples.sum(dtype=float) / bare.sum(dtype=float)), 1.0) if bare.any() else 1.0
-    return variance, pixel_means(np.where(light > _DARK, left, np.float32(of_all)), count)
+    return variance, pixel_means(np.where(light > 1e-12, left, np.float32(of_all)), count)
 
 
 def pixel_errors(variance: np.ndarray, count: int, width_px: float) -> np.ndarray:
