@@ -67,9 +67,10 @@ def surface_maps(scene: Scene, state: State, camera: PinholeCamera, products: Ma
     names = tuple(names)
     if following is None:
         refuse_flow(names)
-    body_id, shape = products["body_id"], products["body_id"].shape
-    made = {"normal": np.full((*shape, 3), np.nan, np.float32), "tilt": np.full(shape, np.nan, np.float32),
-            "part_id": np.full(shape, -1, np.int32), "flow": np.full((*shape, 2), np.nan, np.float32)}
+    body_id = products["body_id"]
+    sky = {"normal": (3 * (np.nan,), np.float32), "tilt": (np.nan, np.float32), "part_id": (-1, np.int32),
+           "flow": (2 * (np.nan,), np.float32)}
+    made = {name: np.full((*body_id.shape, *np.shape(sky[name][0])), *sky[name]) for name in names if name in MAPS}
     hulls = {body.name: body.hull for body in scene.bodies}
     views = [view_bodies(each, camera, hulls) for each in (state, *(following or ()))]
     for number, body in enumerate(scene.bodies):
@@ -81,15 +82,19 @@ def surface_maps(scene: Scene, state: State, camera: PinholeCamera, products: Ma
         r_camera_m = camera.directions(pixel) * products["range"][seen][:, None]
         r_m = r_camera_m @ view.camera_from_body + view.r_camera_body_m
         normal, up = body.shape.facet_normals[facet], r_m + view.centre_m
-        made["normal"][seen] = normal @ view.camera_from_body.T
-        made["tilt"][seen] = np.arctan2(np.linalg.norm(np.cross(normal, up), axis=1), (normal * up).sum(axis=1))
-        part = np.empty(len(body.shape.facets), np.int32)
-        for index, chosen in enumerate(body.part_facets):
-            part[chosen] = index
-        made["part_id"][seen] = part[facet]
-        for after in later:
-            made["flow"][seen] = _places(camera, after, r_m) - pixel
-    return {name: made[name] for name in names if name in made}
+        if "normal" in made:
+            made["normal"][seen] = normal @ view.camera_from_body.T
+        if "tilt" in made:
+            made["tilt"][seen] = np.arctan2(np.linalg.norm(np.cross(normal, up), axis=1), (normal * up).sum(axis=1))
+        if "part_id" in made:
+            part = np.empty(len(body.shape.facets), np.int32)
+            for index, chosen in enumerate(body.part_facets):
+                part[chosen] = index
+            made["part_id"][seen] = part[facet]
+        if "flow" in made:
+            for after in later:
+                made["flow"][seen] = _places(camera, after, r_m) - pixel
+    return made
 
 
 def _places(camera: PinholeCamera, view: BodyView, r_m: np.ndarray) -> np.ndarray:
