@@ -146,7 +146,7 @@ class FacetCutter:
         return part
 
     def _seen_and_lit(self, r_body_m: np.ndarray, facet: np.ndarray, is_seen: np.ndarray | None = None
-              ) -> tuple[np.ndarray, np.ndarray]:
+                      ) -> tuple[np.ndarray, np.ndarray]:
         """Whether points (3, N) [m] of facets (N,) are seen, and in sunlight as well.
 
         No ray is cast at a body that is convex by its own points, nor for points that are known to be seen (N,).

@@ -16,7 +16,6 @@ from glrender_camera import PinholeCamera
 
 from ...base.errors import ConfigError
 from ...brdf import Lambert
-from ...brdf.geometry import cross
 from ...planner.account import Drawn
 from ...scene.scene import Scene
 from ...scene.shape.shape import Shape
@@ -27,7 +26,7 @@ from ..coverage.sub_triangles import projected
 from ..coverage.sunlit_areas import SunlitAreas
 from ..raster.surface_pass import Frame
 from ..rays.engine import RayEngine
-from ..rays.mesh import dot
+from ..rays.mesh import cross, dot
 from . import loops
 from .moving_lines import LEAST_COSINE, Cuts, in_camera
 from .radiance_rates import Shading
@@ -197,10 +196,10 @@ def _add_radiance(by_vertex: np.ndarray, of_radiance: np.ndarray, facet: np.ndar
     of_middle = np.zeros_like(of_normal)
     if not isinstance(shading.law, Lambert):
         of_middle = -of_radiance * shading.by_camera() / 3.0
-    twice_m2 = dot(normal, _across(corner_m[1] - corner_m[0], corner_m[2] - corner_m[0]))
+    twice_m2 = dot(normal, cross(corner_m[1] - corner_m[0], corner_m[2] - corner_m[0]))
     for k in range(3):
         # A corner that rises tilts the normal away from it, by the slope of its share of the facet.
-        slope = _across(normal, corner_m[(k + 2) % 3] - corner_m[(k + 1) % 3]) / twice_m2
+        slope = cross(normal, corner_m[(k + 2) % 3] - corner_m[(k + 1) % 3]) / twice_m2
         _scatter(by_vertex, of_middle - normal * dot(slope, of_normal), facets.corners[k].take(facet))
 
 
@@ -216,19 +215,14 @@ def _spread(by_vertex: np.ndarray, of_points: np.ndarray, r_m: np.ndarray, facet
             ) -> None:
     """Add derivatives (3, N) by points (3, N) [m] that lie on facets (N,) to those by the facets' corners."""
     corner_m = facets.corner_m(facet)
-    across = _across(corner_m[1] - corner_m[0], corner_m[2] - corner_m[0])
+    across = cross(corner_m[1] - corner_m[0], corner_m[2] - corner_m[0])
     squared = dot(across, across)
     # Rays that graze a facet meet it beyond its corners.
-    shares = np.stack([dot(across, _across(corner_m[(k + 1) % 3] - r_m, corner_m[(k + 2) % 3] - r_m)) / squared
+    shares = np.stack([dot(across, cross(corner_m[(k + 1) % 3] - r_m, corner_m[(k + 2) % 3] - r_m)) / squared
                        for k in range(3)]).clip(0.0, 1.0)
     shares /= shares.sum(axis=0)
     for k in range(3):
         _scatter(by_vertex, shares[k] * of_points, facets.corners[k].take(facet))
-
-
-def _across(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Vector products (3, N) of columns (3, N)."""
-    return cross(a.T, b.T).T
 
 
 def _scatter(by_vertex: np.ndarray, values: np.ndarray, vertex: np.ndarray) -> None:

@@ -10,11 +10,10 @@ import numpy as np
 
 from ...base.errors import ConfigError
 from ...brdf import Lambert, Law
-from ...brdf.geometry import cross
 from ...view.view import BodyView
 from ..coverage import facet_loops
 from ..coverage.facet_tables import FacetTables
-from ..rays.mesh import dot
+from ..rays.mesh import cross, dot
 from .moving_lines import sun_rates_body
 from .parameters import Rates, numbers_of
 
@@ -128,9 +127,9 @@ def _law_with(law: Law, name: str, value: float) -> Law | None:
 def _tangents(direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Two unit vectors (3, N) perpendicular to directions (3, N) and to each other."""
     least = np.argmin(np.abs(direction), axis=0)
-    first = cross(np.eye(3)[least], direction.T).T
+    first = cross(np.eye(3)[least].T, direction)
     first /= np.sqrt(dot(first, first))
-    return first, cross(direction.T, first.T).T
+    return first, cross(direction, first)
 
 
 def _turned(direction: np.ndarray, axis: np.ndarray) -> np.ndarray:

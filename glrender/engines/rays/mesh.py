@@ -11,6 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from ...base.errors import DeviceError
+from ...brdf import geometry
 from ...scene.shape.facet_blocks import FacetBlocks
 from ...scene.shape.facet_geometry import FacetSizes
 from .embree import EmbreeMesh
@@ -37,6 +38,11 @@ ANY_REACH = np.array([np.inf])
 def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Scalar products (N,) of columns (3, N), or (3, 1) that broadcast."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Vector products (3, N) of columns (3, N): NumPy's own takes several times as long."""
+    return geometry.cross(a.T, b.T).T
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
